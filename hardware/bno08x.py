@@ -1,9 +1,9 @@
-"""A BNO08x in UART-RVC mode: 100 frames a second at 115,200 baud, unasked.
+"""A BNO08x in UART-RVC mode: 100 frames per second at 115,200 baud, without a request.
 
-Source: BNO08X datasheet (CEVA/Hillcrest), UART-RVC. A frame has 19 bytes: AA AA, a count of frames, yaw, pitch
-and roll (int16, 0.01 degree; applied in this order), acceleration along x, y, z (int16, mg, with gravity), three
-reserved bytes, and the sum of the 16 bytes before it, modulo 256. The mode has no gyroscope: the angular velocity is
-the change of the orientation from frame to frame, in steps of 0.017 rad/s.
+Source: BNO08X datasheet (CEVA/Hillcrest), UART-RVC. A frame has 19 bytes: AA AA, a frame counter, yaw, pitch and roll
+(int16, 0.01 degree, applied in this order), acceleration along x, y, z (int16, mg, with gravity), three reserved bytes,
+and the sum of the 16 bytes before it, modulo 256. Without a gyroscope in this mode, the angular velocity is the change
+of the orientation between frames, in steps of 0.017 rad/s.
 """
 
 import math
@@ -14,9 +14,7 @@ from typing import NamedTuple
 from hardware.dynamixel.serial_port import BytePort
 from hardware.imu import (
     GRAVITY,
-    ImuFault,
     ImuReading,
-    ImuSample,
     ImuSpec,
     ImuTracker,
     Quat,
@@ -30,15 +28,15 @@ FRAME_BYTES = len(HEADER) + _BODY.size
 PERIOD = 0.01
 """[s] Between two frames."""
 LONGEST_GAP = 10
-"""Frames over which the change of the orientation is still a velocity."""
+"""Largest number of frames over which a change of orientation gives a velocity."""
 MOST_BYTES = 50 * FRAME_BYTES
-"""Bytes that are looked at in one cycle: half a second; older ones are dropped."""
-HALF_TURN, QUARTER_TURN = 18000, 9000
+"""Bytes decoded per cycle at most, half a second. Older ones are dropped."""
+MOST_YAW, MOST_PITCH = 18000, 9000
 """[0.01 degree] Ranges of yaw and roll, and of pitch."""
 
 
 class RvcFrame(NamedTuple):
-    """A frame. number: counts frames, modulo 256. angles: yaw, pitch, roll, 0.01 degree; acceleration: mg."""
+    """A frame. number: frame counter, modulo 256. angles: yaw, pitch, roll, 0.01 degree. acceleration: mg."""
 
     number: int
     angles: tuple[int, int, int]
@@ -46,20 +44,20 @@ class RvcFrame(NamedTuple):
 
     @property
     def orientation(self) -> Quat:
-        """Of the sensor, wxyz."""
+        """Orientation of the sensor, wxyz."""
         yaw, pitch, roll = (math.radians(0.01 * one) for one in self.angles)
         return from_roll_pitch_yaw(roll, pitch, yaw)
 
 
 class RvcDecoder:
-    """Finds frames in what a serial line brings, whatever its pieces. damaged: bytes that belong to no valid frame."""
+    """Finds frames in a stream of bytes. damaged: bytes that belong to no valid frame."""
 
     def __init__(self) -> None:
         self._rest = b""
         self.damaged = 0
 
     def feed(self, data: bytes) -> Iterator[RvcFrame]:
-        """The frames that are whole with these bytes. Never raises."""
+        """Yield the frames that these bytes complete. Never raises."""
         data = self._rest + data
         if len(data) > MOST_BYTES:
             self.damaged += len(data) - MOST_BYTES
@@ -79,49 +77,40 @@ class RvcDecoder:
 
 
 def frame_of(data: bytes) -> RvcFrame | None:
-    """The frame in these 19 bytes; None: damaged, or angles that the sensor never sends."""
+    """Return the frame in 19 bytes; None if it is damaged, or has angles that the sensor never sends."""
     if not data.startswith(HEADER) or sum(data[len(HEADER) : -1]) % 256 != data[-1]:
         return None
     number, yaw, pitch, roll, x, y, z, _ = _BODY.unpack_from(data, len(HEADER))
-    if max(abs(yaw), abs(roll)) > HALF_TURN or abs(pitch) > QUARTER_TURN:
+    if max(abs(yaw), abs(roll)) > MOST_YAW or abs(pitch) > MOST_PITCH:
         return None
     return RvcFrame(number, (yaw, pitch, roll), (x, y, z))
 
 
 def encoded(frame: RvcFrame) -> bytes:
-    """The bytes of a frame."""
+    """Return the bytes of a frame."""
     body = _BODY.pack(frame.number, *frame.angles, *frame.acceleration, 0)[:-1]
     return HEADER + body + bytes((sum(body) % 256,))
 
 
 class SerialImu:
-    """The sensor at an open port, as a `hardware.imu.ImuDevice`. decoder: counts damage."""
+    """The sensor at an open port, as a `hardware.imu.ImuDevice`."""
 
     def __init__(self, spec: ImuSpec, port: BytePort) -> None:
         self.port, self.decoder = port, RvcDecoder()
-        self._tracker = ImuTracker(spec)
+        self.tracker = ImuTracker(spec)
         self._before: RvcFrame | None = None
 
     def post(self) -> None:
-        """Do nothing: it sends by itself."""
+        """Do nothing: the sensor sends by itself."""
 
     def collect(self) -> bool:
-        """Take the frames that have come, and wait for none. Raises BusError when the port is gone."""
+        """Take the frames that have come, without waiting. Raises BusError when the port is gone."""
         data = self.port.read()
         frames = list(self.decoder.feed(data)) if data else []
         now = self.port.now()
         for later, frame in zip(reversed(range(len(frames))), frames, strict=True):
             self._take(frame, now - later * PERIOD)
         return False
-
-    def sample(self, now: float) -> ImuSample:
-        """The newest measurement, as of `now`, s."""
-        return self._tracker.sample(now)
-
-    @property
-    def fault(self) -> ImuFault | None:
-        """Why the sample that was given last is not valid."""
-        return self._tracker.fault
 
     def _take(self, frame: RvcFrame, time: float) -> None:
         before, self._before = self._before, frame
@@ -135,4 +124,4 @@ class SerialImu:
         rate = math.copysign(turn / size, w) if size > 0.0 else 0.0
         force = tuple(1e-3 * GRAVITY * one for one in frame.acceleration)
         reading = ImuReading(frame.orientation, (rate * axis[0], rate * axis[1], rate * axis[2]), force)  # type: ignore[arg-type]
-        self._tracker.take(reading, time)
+        self.tracker.take(reading, time)

@@ -1,7 +1,7 @@
-"""The guard: it alone switches torque on and writes to the bus. It checks what servos report, and latches a stop.
+"""The guard alone switches torque on and writes to the bus. It checks servo states, and latches a stop.
 
-The guard is passive: it reads, writes and switches when it is called, and calls no other part. What a robot does next
-is decided by the state machine of the run (`retarget.run.supervisor`), which reads the latch.
+It is passive: it acts when it is called, and calls no other part. The state machine of a run
+(`retarget.run.supervisor`) reads the latched stop and decides.
 """
 
 from collections.abc import Iterator
@@ -22,9 +22,9 @@ from hardware.servo_health import ServoHealth
 
 
 class _Seal:
-    """One gate's proof that a goal is its own: only `retarget.safety.gate` imports it (tests/test_house.py).
+    """Proof that a goal is made by one gate; only `retarget.safety.gate` imports it (tests/test_house.py).
 
-    last: the goal that the gate made last; a copy of it is another one. before: the goal from which it was made.
+    last: the newest goal of the gate, by identity. before: the goal before it.
     """
 
     last: "CheckedGoal | None" = None
@@ -33,13 +33,12 @@ class _Seal:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CheckedGoal:
-    """A goal of one tick.
+    """The goal of one tick; arrays (n,) in servo order, rad, read-only.
 
-    joints (n,): rad, servo order, what is sent. posture (n,): rad, in which these goals hold the joints under their
-    load; the same without deflection compensation. displacement (n,): rad, of joints in this tick, which is left to
-    brake. passed: the goal is the target that was checked, not the next posture of the braking trajectory. compensated:
-    what the deflection compensation needs for the next goal. The arrays are read-only. Raises TypeError when anything
-    but a gate makes one.
+    joints: the goals that are sent. posture: the posture in which these hold the joints under load, without deflection
+    compensation. displacement: of the joints in this tick. stop: the rows of the braking trajectory. passed: the goal
+    is the checked target, not the next posture of the braking trajectory. compensated: state of the deflection
+    compensation. Raises TypeError when anything but a gate makes one.
     """
 
     joints: FloatArray
@@ -62,28 +61,27 @@ CUT_POWER = " (torque could not be switched off: cut the power)"
 
 
 SUSPENDED_S = 0.5
-"""Idle time within a tick, s, from which on the process was suspended: a tick of the slowest robot sleeps for 0.02 s,
-and a machine that is merely busy takes the processor away for less."""
+"""Idle time within a tick, s, that shows a suspended process. A tick of the slowest robot sleeps for 0.02 s."""
 DID_NOT_RUN = "this process did not run for {:.1f} s: it was suspended, or blocked by a port or a disk"
-YIELDING = 0.3
-"""Share of the drive of a robot that falls. In 12 simulated falls of OP3 its joints bore an eighth less at their peaks
-than with all of it, and as much as without torque."""
+FALL_DRIVE = 0.3
+"""Share of the drive during a fall. In 12 simulated falls of OP3 the peak load of its joints was an eighth below that
+at full drive, and equal to that without torque."""
 ARMING_READS = 5
-"""Cycles in which a bus that is silent when the robot is armed is read again."""
+"""Cycles in which a silent bus is read again when the robot is armed."""
 
 
 class Torque(Enum):
-    """Whether the servos of a robot are driven, as far as the guard knows."""
+    """Torque of the servos, as far as the guard knows."""
 
     OFF = "off"
-    """Off, or not switched by this guard; nothing is written."""
+    """Off, or never switched by this guard. Nothing is written."""
     ON = "on"
     UNCONFIRMED = "unconfirmed"
-    """Not known: servos may have it from an earlier process, or not every one has confirmed that it is off."""
+    """Unknown: torque may be on from an earlier process, or a servo did not confirm that it is off."""
 
 
 def text_of(error: BaseException) -> str:
-    """An exception as the reason of a stop. Of a key that is not there, the text alone would be a riddle."""
+    """Return an exception as the reason of a stop. A LookupError is named, since its text is a bare key."""
     text, kind = str(error).rstrip("."), type(error).__name__
     return f"{kind}: {text}" if text and isinstance(error, LookupError) else text or kind
 
@@ -91,9 +89,8 @@ def text_of(error: BaseException) -> str:
 class Guard:
     """The servos of one robot: read, write, torque, and the latched stop.
 
-    Nothing is written but a `CheckedGoal`, each once and in order, and nothing while torque is off. The first reason of
-    a stop stays; one later fault is added to it. Where a servo does not confirm that its torque is off, the robot is
-    not safe, and the stop's reason says so.
+    Only a `CheckedGoal` is written, each once, in order, and only with torque on. The first reason of a stop stays, and
+    one later fault is added. If a servo does not confirm that its torque is off, the reason says so.
     """
 
     def __init__(self, *, bus: ServoBus, joint_map: JointMap, limits: GuardLimits | None = None) -> None:
@@ -104,30 +101,30 @@ class Guard:
         self.stop: Stop | None = None
         """The latched stop."""
         self.states: ServoStates | None = None
-        """The servo states read last."""
+        """Servo states read last."""
         self.goal: CheckedGoal | None = None
-        """The goal written last."""
+        """Goal written last."""
         self.sent: TickArray | None = None
-        """Its ticks, (n,)."""
+        """Ticks of that goal, (n,)."""
         self._checked_at: float | None = None  # [s] of the present tick
         self._idle = 0.0  # [s] idle time then
-        self._yields = False
+        self._drive_reduced = False
 
     @property
     def is_silent(self) -> bool:
-        """Whether no servo of a bus has answered in the present cycle."""
+        """True if no servo of a bus has answered in the present cycle."""
         return self.states is not None and self.health.buses.quietest(self.states)[0] > 0.0
 
     @property
     def may_go_to_rest(self) -> bool:
-        """True if the robot may go to rest: nothing is wrong with what carries it."""
+        """True if no fault concerns the servos that carry the robot."""
         return self.stop is None or self.stop.is_bearable
 
     def present(self) -> FloatArray:
-        """The present posture of servos that can be armed, rad (n,).
+        """Return the present posture, rad (n,), of servos that can be armed.
 
-        Raises GuardError when torque is on or a servo is missing, alarmed or unreadable (all of them named), BusError
-        when the bus fails.
+        Raises GuardError when torque is on, or naming all servos that are missing, alarmed or unreadable. Raises
+        BusError when the bus fails.
         """
         if self.torque is not Torque.OFF or self.stop is not None:
             raise self._impossible("arming")
@@ -141,10 +138,10 @@ class Guard:
             return self._map.to_radians(states.position)
 
     def arm(self, goal: CheckedGoal) -> None:
-        """Write the present posture as the goal, then switch torque on, after `present`. goal: of the gate, for the
-        present posture.
+        """Write the present posture as the goal, then switch torque on. Call `present` first. goal: the gate's, for
+        that posture.
 
-        Raises GuardError for another goal, BusError when the bus fails; a failure while torque may be on is latched.
+        Raises GuardError for another goal, BusError when the bus fails. A failure while torque may be on is latched.
         """
         states = self.states
         if states is None or self.torque is not Torque.UNCONFIRMED:
@@ -165,23 +162,24 @@ class Guard:
         return self._bus.read()
 
     def check(self, states: ServoStates, now: float, idle: float) -> None:
-        """Check the states of a tick at `now`, s; idle: idle time by then, s (see `Clock.idle`).
+        """Check the states of a tick at `now`, s; idle: see `Clock.idle`, s.
 
-        What is wrong with a servo is latched; where the robot cannot brake, torque goes off. A pause between two ticks
-        is latched, too: the servos stand by then, and the goals have moved on."""
+        A fault is latched, and torque goes off if the robot cannot brake. A long pause between two ticks is latched
+        too, since the servos have stopped meanwhile.
+        """
         self._refuse_pause(now, idle)
         self._checked_at, self._idle = now, idle
         self.states = states
         goal = self.goal
         deflected = None if goal is None or goal.posture.tobytes() == goal.joints.tobytes() else goal.posture
-        fault = self.health.check(states, None if self._yields else self.sent, deflected)
+        fault = self.health.check(states, None if self._drive_reduced else self.sent, deflected)
         if fault is not None and fault.category is StopCategory.TORQUE_OFF:
             self.switch_off(fault.cause, fault.reason)
         elif fault is not None and fault.category is StopCategory.BRAKE_AND_TORQUE_OFF:
             self.latch(fault.cause, fault.reason)
 
     def write(self, goal: CheckedGoal) -> None:
-        """Send a goal to the servos. Raises GuardError for anything but the gate's next goal, BusError when the bus
+        """Send a goal to the servos. Raises GuardError unless it is the gate's next goal, BusError when the bus
         fails."""
         last = self.goal
         if type(goal) is not CheckedGoal or last is None or goal.seal is not last.seal or goal.seal.before is not last:
@@ -196,19 +194,17 @@ class Guard:
         if goal.seal.last is not goal:
             raise GuardError("only the goal that the gate made last is written", where="guard", found="another goal")
 
-    def give_way(self) -> None:
-        """Allow the servos no more than YIELDING of their drive: a robot that falls gives way where it meets the floor.
-        They no longer keep up with their goals then, and that is not judged. Raises nothing: where the bus fails,
-        torque goes off."""
+    def reduce_drive(self) -> None:
+        """Limit the servos to FALL_DRIVE of their drive, so that a falling robot is compliant when it meets the floor.
+        Following errors are no longer judged. If the bus fails, torque goes off; nothing is raised."""
         try:
-            self._bus.limit_drive(YIELDING)
-            self._yields = True
+            self._bus.limit_drive(FALL_DRIVE)
+            self._drive_reduced = True
         except Exception as error:  # noqa: BLE001 - a robot that falls is not left with its full drive
             self.switch_off(StopCause.BUS, text_of(error))
 
     def latch(self, cause: StopCause, reason: str) -> None:
-        """Latch a stop. The first reason stays; the first fault of the robot after it is added, and so are those
-        before it with which the robot still goes to rest."""
+        """Latch a stop. The first reason stays; later bearable causes are added up to the first fault of the robot."""
         stop = self.stop
         if stop is None:
             self.stop = Stop(cause, reason)
@@ -218,8 +214,8 @@ class Guard:
             self.stop = replace(stop, reason=f"{stop.reason}, then: {reason}", then=cause)
 
     def switch_off(self, cause: StopCause, reason: str) -> None:
-        """Switch torque off at once and latch it (stop category 0): there is no way or no time to brake. The stop is
-        latched before the command, so that an interrupt of it leaves the reason, and that the power is to be cut."""
+        """Switch torque off at once and latch it (stop category 0). The stop is latched before the command, so that an
+        interrupt leaves the reason and the advice to cut the power."""
         then = None
         if self.stop is not None:
             first, then = self.stop.reason.removesuffix(TORQUE_OFF).removesuffix(CUT_POWER), self.stop.then
@@ -233,8 +229,8 @@ class Guard:
             self._torque_off()
 
     def release(self) -> None:
-        """Switch torque off; a latched stop stays latched. A failure of the bus, or an interrupt, is latched if none
-        was before, torque is switched off once more, and it is raised."""
+        """Switch torque off; a latched stop stays. A failure or an interrupt is latched, torque is switched off once
+        more, and the exception is raised."""
         try:
             self._torque_off()
         except BaseException as error:
@@ -243,8 +239,8 @@ class Guard:
             raise
 
     def _refuse_pause(self, now: float, idle: float) -> None:
-        """Latch a tick at `now`, s, that comes too long after the one before. Servos that wait for a slow host
-        (simulated ones) need no stop: there a suspension is a warning."""
+        """Latch a tick at `now`, s, that comes too long after the previous one. With simulated servos a suspension is
+        only a warning, since they wait for the host."""
         if self._checked_at is None:
             return
         pause, idle, most = now - self._checked_at, idle - self._idle, self.limits.max_pause
@@ -258,7 +254,7 @@ class Guard:
 
     @contextmanager
     def _arming(self) -> Iterator[None]:
-        """After a failure torque is off; a servo that answers may have had it from before."""
+        """Switch torque off after a failure. A servo that answers may have had torque from before."""
         try:
             yield
         except BaseException as error:
@@ -272,8 +268,8 @@ class Guard:
             raise
 
     def ticks_of(self, goal: CheckedGoal) -> TickArray:
-        """The ticks (n,) that are sent for a goal. A lost servo gets the goal that it had: one that is back would
-        jump."""
+        """Return the ticks (n,) that are sent for a goal. A lost servo keeps its last goal, so that it does not jump if
+        it is back."""
         ticks = self._map.to_ticks(goal.joints)
         if self.sent is not None and self.health.lost.any():
             ticks = np.where(self.health.lost, self.sent, ticks)
@@ -285,7 +281,6 @@ class Guard:
         self.goal, self.sent = goal, ticks
 
     def _torque_off(self) -> None:
-        """Switch torque off. What a latched stop said about torque that may be on is no longer so."""
         self.torque = Torque.UNCONFIRMED
         self._bus.torque(False)
         self.torque = Torque.OFF

@@ -1,4 +1,4 @@
-"""The causes of a stop, the latched stop, and the limits that the guard watches."""
+"""Stop causes, the latched stop, and the limits that the guard watches."""
 
 import math
 from dataclasses import dataclass
@@ -9,24 +9,24 @@ class StopCategory(IntEnum):
     """Stop categories of IEC 60204-1."""
 
     TORQUE_OFF = 0
-    """At once: the robot cannot brake."""
+    """Torque goes off at once, because the robot cannot brake."""
     BRAKE_AND_TORQUE_OFF = 1
-    """The robot brakes, goes to rest where it may, and torque goes off."""
+    """The robot brakes, goes to rest if it may, and torque goes off."""
     HOLD = 2
-    """The robot brakes and stands, torque on, while it lasts."""
+    """The robot brakes and stands with torque while the cause lasts."""
 
 
 class StopCause(Enum):
-    """What made the guard stop."""
+    """The cause of a stop."""
 
     REQUESTED = "requested"
     BUS = "bus"
     BUS_SILENT = "bus silent"
     SERVO_LOST = "servo lost"
     LIMB_LOST = "limb lost"
-    """Only servos that carry nothing are silent: of arms or head."""
+    """Only servos that carry nothing, of arms or head, are silent."""
     NOT_READ = "not read"
-    """Temperature or supply is not read any more: nothing is known to be wrong with the servo."""
+    """Temperature or supply are no longer read. No fault of the servo is known."""
     SERVO_ALERT = "servo alert"
     SERVO_LIMP = "servo limp"
     TEMPERATURE = "temperature"
@@ -37,7 +37,7 @@ class StopCause(Enum):
     SOURCE = "source"
     FILTER = "filter"
     FALLEN = "fallen"
-    """By its IMU, or by its simulation."""
+    """Detected by the IMU, or by the simulation."""
 
 
 FAULTLESS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
@@ -48,10 +48,10 @@ BEARABLE = (*FAULTLESS, StopCause.LIMB_LOST, StopCause.NOT_READ, StopCause.FILTE
 
 @dataclass(frozen=True)
 class Stop:
-    """A latched stop: its cause, and its reason in words.
+    """A latched stop: its cause and reason.
 
-    powered: not every servo confirmed that its torque is off; the operator has to cut the power, and `reason` says so.
-    then: what ended the braking before the robot stood, if anything did.
+    powered: a servo did not confirm that its torque is off, so the operator must cut the power. then: a later cause
+    that ended the braking early.
     """
 
     cause: StopCause
@@ -67,16 +67,15 @@ class Stop:
 
 @dataclass(frozen=True)
 class GuardLimits:
-    """What the guard tolerates; limits that are not given are not watched.
+    """Limits of the guard. A limit that is not given is not watched.
 
-    max_age: s since a servo's last answer. max_silence: s without a valid answer from any servo of a bus; until then
-    the robot holds. max_pause: s between ticks.
-    max_temperature: degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the
-    present position and the way to the goal of the last tick, at once; sustained_error: rad, for sustained_time, s.
-    max_current: A, for current_time, s. lag: s by which each servo's loop follows its goal, in servo order: errors are
-    measured from the response that such a loop has; none: from the goal. The fields named warn_ are warning levels, in
-    the same units. Beyond those of temperature and current the robot moves at slow_share of its speed. limbs: whether
-    each servo, in servo order, carries nothing, so that the robot goes to rest without it; none: all are needed.
+    max_age: s since a servo's last answer. max_silence: s without an answer from any servo of a bus, during which the
+    robot holds. max_pause: s between ticks. max_temperature: degrees Celsius. voltage: lowest and highest, V.
+    following_error: rad of the joint, at once; sustained_error: rad, for sustained_time, s. max_current: A, for
+    current_time, s. lag: time constant of each servo's position loop, s (n,); errors count from the response of such a
+    loop, or from the goal if empty. warn_...: warning levels in the same units. slow_share: speed override above those
+    of temperature and current. limbs: True for each servo (n,) that carries nothing, so that the robot goes to rest
+    without it; empty: none.
     """
 
     max_age: float = 0.1

@@ -1,10 +1,10 @@
-"""Heat of the servos that carry a robot: how long until the first of them warns, if it goes on as now.
+"""Forecast of the first overheating warning among the servos that carry a robot.
 
-A servo under a steady load warms as a first-order lag with the time constant tau of its case:
+A servo under a steady load warms as a first-order lag with time constant tau:
 
-    T(t) = T_end - (T_end - T) exp(-t / tau),    T_end = T + tau dT/dt
+  T(t) = T_end - (T_end - T) exp(-t / tau),    T_end = T + tau dT/dt
 
-so the time until W is tau ln((T_end - T) / (T_end - W)), and it never comes where T_end is below W.
+It reaches W after tau ln((T_end - T) / (T_end - W)), or never if T_end is below W.
 """
 
 from dataclasses import dataclass
@@ -15,17 +15,17 @@ import numpy as np
 from hardware.arrays import BoolArray, FloatArray
 
 THERMAL_S = 300.0
-"""[s] Time constant of a servo's case: that of the simulated ones. No maker states it, and none was measured."""
+"""[s] Time constant of a servo's case, as simulated. No maker states it, and none was measured."""
 RATE_S = 60.0
-"""[s] Over which a rate is taken: the register has steps of one degree."""
+"""[s] Period over which a rate is measured, since the register has steps of one degree."""
 EVERY_S = 1.0
-"""[s] Between two looks: a motor warms by a degree in three."""
+"""[s] Update period. A motor warms by a degree in three seconds."""
 
 
 @dataclass(frozen=True)
 class HeatLeft:
-    """The servo that warns first. column: in servo order; temperature, warns_at: degrees Celsius now, and from which on
-    it warns; per_minute: degrees Celsius; left: s until then, inf: it stays cooler."""
+    """The servo that warns first. column: in servo order. temperature, warns_at: degrees Celsius. per_minute: degrees
+    Celsius per minute. left: s until the warning; inf: never."""
 
     column: int
     temperature: float
@@ -35,17 +35,18 @@ class HeatLeft:
 
 
 class HeatForecast:
-    """Looks at temperatures (n,) now and then. soonest: None before RATE_S, and where nothing is known."""
+    """Forecast from temperatures (n,). soonest: None before RATE_S, and if no temperature is known."""
 
     def __init__(self, warns_at: float, servos: BoolArray | None = None) -> None:
-        """warns_at: degrees Celsius. servos (n,): those that count; None: all."""
+        """warns_at: degrees Celsius. servos (n,): mask of those to watch; None: all."""
         self._warns_at, self._servos = warns_at, servos
         self._begun = self._seen = -inf
         self._slow: FloatArray | None = None
         self.soonest: HeatLeft | None = None
 
     def look(self, time: float, temperature: FloatArray) -> bool:
-        """Look at temperatures (n,) degrees Celsius, NaN: not known, at a time, s. Return whether it was due."""
+        """Update with temperatures (n,), degrees Celsius, NaN if unknown, at a time, s. Return True if an update was
+        due."""
         if time - self._seen < EVERY_S or not np.isfinite(self._warns_at):
             return False
         elapsed, self._seen = time - self._seen, time
@@ -68,7 +69,7 @@ class HeatForecast:
 
 
 def time_left(temperature: float, rate: float, warns_at: float) -> float:
-    """Time, s, until a servo of a temperature, degrees Celsius, that warms at a rate, K/s, is at another one."""
+    """Return the time, s, until a servo that warms at `rate`, K/s, reaches `warns_at`, degrees Celsius."""
     if temperature >= warns_at:
         return 0.0
     end = temperature + THERMAL_S * rate

@@ -1,7 +1,7 @@
-"""Inertial measurement units: where one is mounted, what it measures, and whether that can be true.
+"""Inertial measurement units: mounting, samples, and their plausibility.
 
-A sensor measures along its own axes; a sample is along those of the link that carries it. A reading that no robot can
-have, or that never changes although a sensor has noise, marks the sample as not valid.
+A sensor measures along its own axes; a sample is along those of its link. Impossible or frozen readings make a sample
+invalid.
 """
 
 import math
@@ -20,34 +20,30 @@ GRAVITY = 9.80665
 FRESH = 0.05
 """[s] Age up to which a sample is valid: five frames of a sensor at 100 Hz, six cycles of a robot at 125 Hz."""
 FROZEN = 0.2
-"""[s] After which a reading that has not changed in one bit is that of a sensor that hangs."""
+"""[s] Time without a change in any bit after which the sensor is considered frozen."""
 FASTEST = math.radians(2000.0)
-"""[rad/s] Fastest turn about one axis: the range of the gyroscopes of both kinds."""
+"""[rad/s] Range of the gyroscopes of both kinds, about one axis."""
 STRONGEST = 16.0 * GRAVITY
-"""[m/s^2] Largest acceleration along one axis: the widest range of such sensors."""
+"""[m/s^2] Widest range of such accelerometers, along one axis."""
 BNO08X_BAUD = 115200
-"""[bit/s] Of a BNO08x in UART-RVC mode (datasheet)."""
-STEP = 0.1
-"""[rad] Two orientations one after the other may differ by it, and by what the fastest turn adds: filters correct
-themselves."""
+"""[bit/s] A BNO08x in UART-RVC mode (datasheet)."""
+MAX_JUMP = 0.1
+"""[rad] Largest correction by the sensor's own filter between two orientations, in addition to the fastest turn."""
 
 
 class ImuKind(StrEnum):
-    """How a sensor is connected, and what it sends."""
+    """Kind of a sensor: its connection and its data."""
 
     OPENCR = "opencr"
     """The board of an OP3: registers of a Dynamixel device."""
     BNO08X = "bno08x"
-    """BNO080, BNO085 and BNO086 in UART-RVC mode: frames on a serial line of its own."""
+    """BNO080, BNO085 and BNO086 in UART-RVC mode: frames on a serial line of their own."""
 
 
 @dataclass(frozen=True)
 class ImuSpec:
-    """A sensor of a robot. link: what carries it; position, m, and mounting, wxyz: where it is on that link and how its
-    axes are turned there.
-
-    bus, id: of a device on a bus of the robot. port, baud: of a serial line of its own.
-    """
+    """A sensor of a robot. position: m, and mounting: wxyz, of the sensor in the frame of its link. bus, id: of a
+    device on a bus of the robot. port, baud: of a serial line of its own."""
 
     kind: ImuKind
     link: str
@@ -63,10 +59,9 @@ class ImuSpec:
 class ImuSample:
     """The newest measurement, along the axes of the sensor's link.
 
-    time: s on the bus's clock, when it was measured; -inf before the first. orientation (4,): wxyz of the link in a
-    world whose z is up and whose yaw is free; None where the sensor has none. angular_velocity (3,): rad/s.
-    acceleration (3,): m/s^2 at the sensor, specific force: upwards and one g at rest. valid: it is fresh, and the
-    sensor works. age: s since it was measured; inf before the first.
+    time: of the measurement, s on the bus's clock; -inf before the first. orientation (4,): wxyz of the link in a world
+    with z up and free yaw; None if the sensor has none. angular_velocity (3,): rad/s. acceleration (3,): specific force
+    at the sensor, m/s^2, one g upwards at rest. valid: fresh and plausible. age: s; inf before the first.
     """
 
     time: float
@@ -78,7 +73,7 @@ class ImuSample:
 
     @property
     def tilt(self) -> tuple[float, float]:
-        """Roll (to the right) and pitch (forward) of the link, rad: by its orientation, else by its acceleration; NaN
+        """Roll (to the right) and pitch (forward) of the link, rad, by its orientation or else its acceleration; NaN
         before the first measurement."""
         if self.orientation is None:
             x, y, z = self.acceleration.tolist()
@@ -90,16 +85,24 @@ class ImuSample:
 
 @dataclass(frozen=True, slots=True)
 class ImuReading:
-    """A measurement along the axes of the sensor. orientation: wxyz of the sensor, z up; None where it has none;
-    angular_velocity: rad/s; acceleration: m/s^2, specific force."""
+    """A measurement along the sensor's axes. orientation: wxyz, z up; None if the sensor has none. angular_velocity:
+    rad/s. acceleration: specific force, m/s^2."""
 
     orientation: Quat | None
     angular_velocity: Vector
     acceleration: Vector
 
+    @property
+    def is_possible(self) -> bool:
+        """True if all numbers are within the range of such sensors. NaN is not."""
+        q = self.orientation
+        turned = q is None or abs(sum_of_products(q, q) - 1.0) < MAX_JUMP
+        turn, force = self.angular_velocity, self.acceleration
+        return turned and all(abs(one) <= FASTEST for one in turn) and all(abs(one) <= STRONGEST for one in force)
+
 
 class ImuFault(Enum):
-    """Why a sample is not valid."""
+    """Reasons why a sample is not valid."""
 
     SILENT = "does not answer"
     FROZEN = "shows the same numbers again and again"
@@ -109,22 +112,18 @@ class ImuFault(Enum):
 class ImuDevice(Protocol):
     """A sensor that is read within the cycle of a bus. Its methods raise BusError when its port is gone."""
 
+    tracker: "ImuTracker"
+    """Its newest sample and fault."""
+
     def post(self) -> None:
-        """Ask for a measurement, where the sensor wants to be asked, and do not wait."""
+        """Request a measurement if the sensor needs a request; do not wait."""
 
     def collect(self) -> bool:
-        """Take the answer, or what has come by itself. Return whether it had to wait, which is bounded."""
-
-    def sample(self, now: float) -> ImuSample:
-        """The newest measurement, as of `now`, s."""
-
-    @property
-    def fault(self) -> ImuFault | None:
-        """Why the sample that was given last is not valid."""
+        """Take the measurements that have come. Return True if this had to wait, which is bounded."""
 
 
 class ImuTracker:
-    """The newest sample of a sensor, from its readings. fault: why the sample that was given last is not valid."""
+    """The newest sample of a sensor. fault: the reason why the sample returned last is not valid."""
 
     def __init__(self, spec: ImuSpec) -> None:
         self._mounting = spec.mounting
@@ -139,9 +138,8 @@ class ImuTracker:
         self.fault: ImuFault | None = ImuFault.SILENT
 
     def take(self, reading: ImuReading | None, time: float) -> None:
-        """Take a reading of the time `time`, s; None: one that the sensor cannot mean. What is impossible is not
-        kept."""
-        self._impossible = reading is None or not _is_possible(reading) or self._jumps(reading, time)
+        """Take a reading of the time `time`, s; None: an undecodable one. Impossible readings are dropped."""
+        self._impossible = reading is None or not reading.is_possible or self._jumps(reading, time)
         if reading is None or self._impossible:
             return
         if self._last is None or reading != self._last:
@@ -153,7 +151,7 @@ class ImuTracker:
         self._last, self._time = reading, time
 
     def sample(self, now: float) -> ImuSample:
-        """The newest sample, as of `now`, s."""
+        """Return the newest sample, as of `now`, s."""
         age = max(now - self._time, 0.0)
         self.fault = None
         if age > FRESH:
@@ -165,27 +163,17 @@ class ImuTracker:
         return ImuSample(self._time, self._orientation, self._turn, self._force, self.fault is None, age)
 
     def _jumps(self, reading: ImuReading, time: float) -> bool:
-        """Whether the sensor would have turned faster than it can since the last reading that was kept."""
+        """True if the sensor cannot have turned so far since the last reading that was kept."""
         before = None if self._last is None else self._last.orientation
         if before is None or reading.orientation is None:
             return False
         w = sum_of_products(before, reading.orientation)
         chord = 2.0 * math.sqrt(max(0.0, 1.0 - w * w))  # at most the angle between the two
-        return chord > STEP + FASTEST * max(time - self._time, 0.0)
-
-
-def _is_possible(reading: ImuReading) -> bool:
-    """Whether all numbers are within the range of such sensors; NaN is not."""
-    turned = reading.orientation is None or abs(sum_of_products(reading.orientation, reading.orientation) - 1.0) < STEP
-    turn, force = reading.angular_velocity, reading.acceleration
-    return turned and all(abs(one) <= FASTEST for one in turn) and all(abs(one) <= STRONGEST for one in force)
-
-
-# Turns of single vectors in plain floats: a sample has three of them, and the tick waits.
+        return chord > MAX_JUMP + FASTEST * max(time - self._time, 0.0)
 
 
 def product(a: Quat, b: Quat) -> Quat:
-    """The turn `b` followed by the turn `a`, wxyz."""
+    """Return the quaternion product a * b, wxyz: the rotation `b` followed by `a`."""
     (p, q, r, s), (w, x, y, z) = a, b
     return (
         p * w - q * x - r * y - s * z,
@@ -196,18 +184,18 @@ def product(a: Quat, b: Quat) -> Quat:
 
 
 def rotated(q: Quat, v: Vector) -> Vector:
-    """The vector turned by a unit quaternion, wxyz."""
+    """Return a vector rotated by a unit quaternion, wxyz."""
     w, x, y, z = q
     _, a, b, c = product(product(q, (0.0, *v)), (w, -x, -y, -z))
     return a, b, c
 
 
 def sum_of_products(a: Quat, b: Quat) -> float:
-    """The cosine of half the angle between two unit quaternions."""
+    """Return the cosine of half the angle between two unit quaternions."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
 def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Quat:
-    """The turn, wxyz, by yaw about z, then by pitch about the new y, then by roll about the new x, rad."""
+    """Return the rotation, wxyz, by yaw about z, then pitch about the new y, then roll about the new x, rad."""
     (a, x), (b, y), (c, z) = ((math.cos(0.5 * one), math.sin(0.5 * one)) for one in (roll, pitch, yaw))
     return product(product((c, 0.0, 0.0, z), (b, 0.0, y, 0.0)), (a, x, 0.0, 0.0))

@@ -10,22 +10,20 @@ from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.errors import BusError, HardwareError, describe
 from hardware.servo import ServoSpec
 
-# Coupled pairs of servos, as a joint map needs them: ticks of two servos <-> angles of their two joints.
-
-ROUND_OFF = 1e-6
-"""Round-off, in ticks, by which a limit may miss the tick that it was written for."""
+TICK_ROUND_OFF = 1e-6
+"""Round-off, ticks, by which a limit may miss its tick."""
 
 
 def _values(servos: Sequence[ServoSpec], name: str) -> FloatArray:
-    """One number of each servo (n,), by the name of its attribute."""
+    """Return one attribute of each servo, (n,)."""
     return np.array([getattr(servo, name) for servo in servos], dtype=np.float64)
 
 
 class CoupledPair:
-    """Two servos and their two joints; arrays have the pair as last axis (..., 2), in the order of the coupling.
+    """Two servos and their two joints. Arrays have the pair as last axis (..., 2), in the order of the coupling.
 
-    columns (2,): where the pair stands in the servo order. reach (2,): how far each joint may turn, rad, when both
-    servos are rounded to their nearest ticks.
+    columns (2,): of the pair in servo order. tick_rad (2,): largest turn of each joint by one tick of both servos, rad.
+    reach (2,): half of it, the largest error of rounding.
     """
 
     def __init__(self, servos: Sequence[ServoSpec], columns: Sequence[int]) -> None:
@@ -37,28 +35,26 @@ class CoupledPair:
         self._back = np.array(coupling.inverse, dtype=np.float64).T  # (2, 2) shafts = joints @ it
         self._zero, self._scale = _values(pair, "zero_tick"), _values(pair, "ticks_per_rad")  # (2,) [tick], [tick/rad]
         self._lower, self._upper = _values(pair, "lower"), _values(pair, "upper")  # (2,) [rad]
-        self.tick_rad: FloatArray = _combined(
-            1.0 / np.abs(self._scale), np.abs(self._turn)
-        )  # (2,) [rad] a tick of both servos
+        self.tick_rad: FloatArray = _combined(1.0 / np.abs(self._scale), np.abs(self._turn))  # (2,) [rad]
         self.reach: FloatArray = self.tick_rad / 2.0
 
     def turned(self, shafts: FloatArray) -> FloatArray:
-        """Return joint angles (or their rates) for those of the shafts, both in rad."""
+        """Return joint angles (or rates) for those of the shafts."""
         return _combined(shafts, self._turn)
 
     def exact_ticks(self, joints: FloatArray) -> FloatArray:
-        """Return shaft ticks, not rounded, for joint angles in rad."""
+        """Return unrounded shaft ticks for joint angles, rad."""
         return self._zero + self._scale * _combined(joints, self._back)
 
     def nearest_ticks(self, joints: FloatArray) -> FloatArray:
-        """Return whole shaft ticks for joint angles in rad; a joint inside its limits never gets beyond them.
+        """Return whole shaft ticks for joint angles, rad. A joint inside its limits stays inside.
 
-        Where rounding alone would put it there, the goal is moved in by `reach`: then any rounding stays inside.
+        If rounding would move it out, the goal is first moved in by `reach`.
         """
         ticks: FloatArray = np.rint(self.exact_ticks(joints))
         inside = (joints >= self._lower) & (joints <= self._upper)
         back = self.turned((ticks - self._zero) / self._scale)
-        room = ROUND_OFF * self.tick_rad
+        room = TICK_ROUND_OFF * self.tick_rad
         over = (inside & ((back < self._lower - room) | (back > self._upper + room))).any(axis=-1, keepdims=True)
         if not over.any():
             return ticks
@@ -66,24 +62,24 @@ class CoupledPair:
         return np.where(over, np.rint(self.exact_ticks(moved)), ticks)
 
     def tick_ends(self, *, slack: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Return the lowest and highest shaft tick (2,) of each servo over all joint angles inside the limits, and
-        `slack` rad beyond them."""
+        """Return the lowest and highest shaft ticks, (2,) each, over all joint angles within the limits and `slack`
+        rad."""
         corners = np.array([[low, high] for low in (0, 1) for high in (0, 1)])
         ends = self.exact_ticks(np.where(corners, self._upper + slack, self._lower - slack))
         return ends.min(axis=0), ends.max(axis=0)
 
     def fastest_shafts(self, max_velocity: FloatArray) -> FloatArray:
-        """Return the highest shaft speeds (2,) when both joints move at `max_velocity` (2,), all rad/s."""
+        """Return the highest shaft speeds (2,) when both joints move at `max_velocity` (2,), rad/s."""
         return _combined(max_velocity, np.abs(self._back))
 
 
 def _combined(pairs: FloatArray, matrix: FloatArray) -> FloatArray:
-    """The product of row vectors (..., 2) with a matrix (2, 2), in an order that no processor decides."""
+    """Return row vectors (..., 2) @ matrix (2, 2), with a fixed order of operations."""
     return np.asarray(pairs[..., :1] * matrix[0] + pairs[..., 1:] * matrix[1])
 
 
 def coupling_problems(servos: Sequence[ServoSpec]) -> list[str]:
-    """Return the problems of the couplings of `servos`, one text per finding."""
+    """Return the findings about the couplings of `servos`, one text each."""
     by_joint = {servo.joint: servo for servo in servos}
     found: list[str] = []
     for coupling in dict.fromkeys(servo.coupling for servo in servos if servo.coupling is not None):
@@ -103,7 +99,6 @@ def coupling_problems(servos: Sequence[ServoSpec]) -> list[str]:
 
 
 def _beyond_the_servos(pair: Sequence[ServoSpec]) -> list[str]:
-    """Findings about limits of two joints that their servos cannot serve."""
     if any(servo.problems() for servo in pair):
         return []  # `ServoSpec.problems` has reported it
     found: list[str] = []
@@ -128,15 +123,15 @@ def _beyond_the_servos(pair: Sequence[ServoSpec]) -> list[str]:
 
 
 NO_SERVO = -1
-"""Goal tick of a joint that no servo drives."""
+"""Goal tick of a joint without a servo."""
 
 
 class JointMap:
-    """Maps arrays whose last axis is the profile's servo order; leading axes (ticks of time, say) pass through.
+    """Maps arrays whose last axis is the servo order; leading axes (ticks of time, say) pass through.
 
-    A column of a coupled pair is one joint in rad, and one of the two servos in ticks. tick_rad (n,): how far a tick
-    turns the joint, rad; of a coupled joint, a tick of both servos. Raises HardwareError with every finding at once
-    when a servo cannot serve its joint, or a joint or (bus, id) is named twice.
+    A column of a coupled pair is one joint in rad, and one of the two servos in ticks. tick_rad (n,): turn of the joint
+    per tick, rad; of a coupled joint per tick of both servos. Raises HardwareError with all findings when a servo
+    cannot serve its joint, or a joint or (bus, id) is named twice.
     """
 
     def __init__(self, servos: Sequence[ServoSpec]) -> None:
@@ -153,10 +148,7 @@ class JointMap:
         self.lower, self.upper = _values(servos, "lower"), _values(servos, "upper")  # (n,) [rad]
         self.max_velocity = _values(servos, "max_velocity")  # (n,) [rad/s]
         self.max_acceleration = _values(servos, "max_acceleration")  # (n,) [rad/s^2]
-        self._scale, self._zero = (
-            _values(servos, "ticks_per_rad"),
-            _values(servos, "zero_tick"),
-        )  # (n,) [tick/rad], [tick]
+        self._scale, self._zero = _values(servos, "ticks_per_rad"), _values(servos, "zero_tick")  # [tick/rad], [tick]
         self._shaft = _values(servos, "direction") * _values(servos, "gear")  # (n,) joint -> shaft
         self._lowest = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         self._highest = np.array([servo.highest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
@@ -172,11 +164,10 @@ class JointMap:
         return len(self.servos)
 
     def to_ticks(self, positions: FloatArray) -> TickArray:
-        """Return goal ticks (..., n) for joint `positions` (..., n) in rad.
+        """Return goal ticks (..., n) for joint `positions` (..., n), rad.
 
-        Rounds to the nearest tick, except that an angle inside the limits never becomes a tick beyond them. Raises
-        HardwareError when a value is not finite or needs a tick that the servo does not have: that is a defect of the
-        caller, never clipped here.
+        Rounds to the nearest tick inside the limits for an angle inside them. Raises HardwareError for a value that is
+        not finite or beyond the servo's travel, a defect of the caller that is never clipped.
         """
         exact = self._zero + self._scale * positions
         if not self._pairs:  # nearly always: inside or not, a tick that is inside is the one
@@ -201,63 +192,62 @@ class JointMap:
         return rounded.astype(np.int64)
 
     def check_goals(self, ticks: TickArray, *, where: str) -> None:
-        """Raise BusError unless goals (n,) are ticks that the servos have."""
+        """Raise BusError unless goals (n,) are ticks that the servos accept."""
         if ticks.shape != self._lowest.shape or ((ticks < self._lowest) | (ticks > self._highest)).any():
             allowed = f"{self._lowest} to {self._highest}"
             raise BusError("goal ticks out of range", where=where, found=ticks, allowed=allowed)
 
     def to_radians(self, ticks: TickArray | FloatArray) -> FloatArray:
-        """Return joint positions (..., n) in rad for shaft `ticks` (..., n)."""
+        """Return joint positions (..., n), rad, for shaft `ticks` (..., n)."""
         shafts: FloatArray = (ticks - self._zero) / self._scale
         return self._joints(shafts) if self._pairs else shafts
 
     def turned(self, ticks: TickArray | FloatArray) -> FloatArray:
-        """Return by how many rad the joints (..., n) turn when the shafts turn by `ticks` (..., n)."""
+        """Return the turn of the joints (..., n), rad, when the shafts turn by `ticks` (..., n)."""
         shafts: FloatArray = ticks / self._scale
         return self._joints(shafts) if self._pairs else shafts
 
     def joint_velocity(self, shaft_velocity: FloatArray) -> FloatArray:
-        """Return joint velocities (..., n) in rad/s for shaft velocities (..., n) in rad/s, in the servo's sense of
-        rotation."""
+        """Return joint velocities (..., n) for shaft velocities (..., n), rad/s, in the servo's direction."""
         shafts = shaft_velocity / self._shaft
         return self._joints(shafts) if self._pairs else shafts
 
     def tick_limits(self, *, slack: float = 0.0) -> tuple[TickArray, TickArray]:
-        """Return the first and the last whole tick (n,) inside the joint limits, or `slack` rad beyond them; of a
-        coupled servo those that some angles of its two joints need. The ends of the travel are never passed."""
+        """Return the first and last whole tick (n,) within the joint limits and `slack` rad, never beyond the travel.
+        For a coupled servo they span all angles of its two joints."""
         ends = np.stack(
             [self._zero + self._scale * (self.lower - slack), self._zero + self._scale * (self.upper + slack)]
         )
         ends.sort(axis=0)
         for pair in self._pairs:
             ends[:, pair.columns] = pair.tick_ends(slack=slack)
-        first = np.maximum(np.ceil(ends[0] - ROUND_OFF).astype(np.int64), self._lowest)
-        last = np.minimum(np.floor(ends[1] + ROUND_OFF).astype(np.int64), self._highest)
+        first = np.maximum(np.ceil(ends[0] - TICK_ROUND_OFF).astype(np.int64), self._lowest)
+        last = np.minimum(np.floor(ends[1] + TICK_ROUND_OFF).astype(np.int64), self._highest)
         return first, last
 
     def zeros(self, ticks: TickArray, positions: FloatArray) -> TickArray:
-        """Return the zero ticks (n,) with which shaft `ticks` (n,) would be joint `positions` (n,) in rad."""
+        """Return the zero ticks (n,) with which shaft `ticks` (n,) correspond to joint `positions` (n,), rad."""
         exact = self._zero + self._scale * positions
         for pair in self._pairs:
             exact[pair.columns] = pair.exact_ticks(positions[pair.columns])
         return np.rint(ticks - (exact - self._zero)).astype(np.int64)
 
     def known_joints(self, valid: BoolArray) -> BoolArray:
-        """Return which joints (n,) are known when the servos `valid` (n,) are: of a coupled pair both or none."""
+        """Return the mask (n,) of joints that are known if the servos `valid` (n,) are. A coupled joint needs both
+        servos."""
         known = valid.copy()
         for pair in self._pairs:
             known[pair.columns] = valid[pair.columns].all()
         return known
 
     def _joints(self, shafts: FloatArray) -> FloatArray:
-        """Make joint values of shaft values (..., n), in place: those of coupled pairs differ."""
+        """Convert shaft values (..., n) of coupled pairs to joint values, in place."""
         for pair in self._pairs:
             shafts[..., pair.columns] = pair.turned(shafts[..., pair.columns])
         return shafts
 
     def spread(self, joints: Sequence[str], ticks: TickArray) -> TickArray:
-        """Return `ticks` (..., n) in the order of `joints` (..., m), with NO_SERVO (-1) where no servo drives the
-        joint."""
+        """Return `ticks` (..., n) in the order of `joints` (..., m), with NO_SERVO for a joint without a servo."""
         column = {joint: index for index, joint in enumerate(self.joints)}
         out = np.full((*ticks.shape[:-1], len(joints)), NO_SERVO, dtype=np.int64)
         for index, joint in enumerate(joints):
@@ -279,30 +269,30 @@ class JointMap:
 
 
 def _twice(names: Sequence[str], kind: str) -> list[str]:
-    """Findings about `names` that appear more than once."""
     return [f"{kind} {name} is used {names.count(name)} times" for name in sorted(set(names)) if names.count(name) > 1]
 
 
-# Whole turns of servos after power-up: a servo of many turns then reports one turn, wherever its joint is.
-
-SLACK = 0.05  # [rad] by which a limp joint may lie beyond its limits
+LIMIT_SLACK = 0.05
+"""[rad] by which a limp joint may lie beyond its limits."""
 
 
 def resolve_turns(
-    joint_map: JointMap, ticks: TickArray, *, groups: Sequence[Sequence[int]] | None = None, slack: float = SLACK
+    joint_map: JointMap, ticks: TickArray, *, groups: Sequence[Sequence[int]] | None = None, slack: float = LIMIT_SLACK
 ) -> TickArray:
-    """Return the offset (n,) of every reported tick (n,), a multiple of the ticks of a turn.
+    """Return the offset (n,), in whole turns, of every reported tick (n,).
 
-    A turn is possible if it puts the joint inside its limits (and `slack` rad beyond). Raises HardwareError with all
-    joints for which no turn or more than one is possible. A servo of one turn is never shifted. groups: of those of
-    `turn_groups`; None: all.
+    After power-up a servo of many turns reports a position within one turn. A turn is possible if it puts the joint
+    within its limits and `slack` rad. Raises HardwareError with all joints for which not exactly one turn is possible.
+    groups: those of `turn_groups` to resolve; None: all.
     """
     offsets = np.zeros(len(joint_map), dtype=np.int64)
     problems: list[str] = []
     for group in map(list, turn_groups(joint_map) if groups is None else groups):
         turns = [_turns(joint_map, column, int(ticks[column]), slack) for column in group]
         shifts = [np.array(shift, dtype=np.int64) for shift in product(*turns)]
-        found = [shift for shift in shifts if _inside(joint_map, group, ticks[group] + shift, slack)]
+        lower, upper = joint_map.lower[group] - slack, joint_map.upper[group] + slack
+        angles = [_angles(joint_map, group, ticks[group] + shift) for shift in shifts]
+        found = [shift for shift, q in zip(shifts, angles, strict=True) if bool(np.all((q >= lower) & (q <= upper)))]
         if len(found) == 1:
             offsets[group] = found[0]
         else:
@@ -318,8 +308,8 @@ def resolve_turns(
 
 
 def turn_groups(joint_map: JointMap) -> list[list[int]]:
-    """Columns whose turns depend on each other: single servos, and coupled pairs. Only those with a servo of many
-    turns."""
+    """Return the columns of servos of many turns, in groups that depend on each other: single servos, and coupled
+    pairs."""
     column = {joint: index for index, joint in enumerate(joint_map.joints)}
     groups: dict[tuple[int, ...], None] = {}
     for index, servo in enumerate(joint_map.servos):
@@ -331,7 +321,7 @@ def turn_groups(joint_map: JointMap) -> list[list[int]]:
 
 
 def _turns(joint_map: JointMap, column: int, tick: int, slack: float) -> list[int]:
-    """Shifts of one servo, ticks, that may put its joint (or one of its two) inside the limits."""
+    """Return the shifts of one servo, ticks, that may put its joints within the limits."""
     servo = joint_map.servos[column]
     if not servo.mode.many_turns:
         return [0]
@@ -340,12 +330,6 @@ def _turns(joint_map: JointMap, column: int, tick: int, slack: float) -> list[in
     lowest = -((tick - first) // turn)
     highest = (last - tick) // turn
     return [turn * count for count in range(lowest, highest + 1)]
-
-
-def _inside(joint_map: JointMap, group: list[int], ticks: TickArray, slack: float) -> bool:
-    """Whether the joints of a group lie within their limits and the slack."""
-    angles = _angles(joint_map, group, ticks)
-    return bool(np.all((angles >= joint_map.lower[group] - slack) & (angles <= joint_map.upper[group] + slack)))
 
 
 def _angles(joint_map: JointMap, group: list[int], ticks: TickArray) -> FloatArray:

@@ -1,5 +1,8 @@
-"""Motors and gears of servos as data: one row per measured model in `motors.yaml`, the rest derived from the maker's
-numbers. The simulated motors are made of them, and measured currents become torques by them."""
+"""Motors and gears of servos as data: measured models in `motors.yaml`, others derived from the maker's numbers.
+
+All at the output shaft. The motor model is u = R i + kt w, torque = kt i: at supply V it stalls at kt V / R and turns
+at V / kt at most.
+"""
 
 from dataclasses import dataclass
 from functools import cache
@@ -10,25 +13,19 @@ import yaml
 from hardware.dynamixel.control_table import find_table
 from hardware.servo import ServoModel
 
-# Measured motors and gears of servos, one row per model in `motors.yaml`. Values without a measurement are derived, as
-# their source says.
-#
-# All at the output shaft, N m, rad, A, V. The motor is the usual one: u = R i + kt w, torque = kt i. So at supply V it
-# stalls at kt V / R and turns no faster than V / kt.
-
 ARC_MINUTE = 2.908882e-4  # [rad]
 BACKLASH = 15.0 * ARC_MINUTE
-"""Play between the output shaft and its gears, e-Manual of the X540 series; taken for every model without a value."""
+"""Play between output shaft and gears, e-Manual of the X540 series; assumed for all models."""
 
 FRICTION_SHARE, ARMATURE_SHARE = 0.025, 0.003
-"""Shares of the stall torque (the latter in s^2): the middle of the identified values, for models without one."""
+"""Shares of the stall torque (the latter in s^2) for unidentified models: the middle of the identified values."""
 
 
 @dataclass(frozen=True)
 class DriveNumbers:
-    """torque_constant kt N m/A (V s/rad), resistance ohm, armature kg m^2, friction (Coulomb) N m, viscous N m s/rad,
-    backlash rad, most_torque N m that the motor gives at any speed, temperature_limit degrees Celsius at which it
-    switches itself off. source: where each comes from."""
+    """torque_constant: kt, N m/A. resistance: ohm. armature: kg m^2. friction: Coulomb, N m. viscous: N m s/rad.
+    backlash: rad. most_torque: highest torque at any speed, N m. temperature_limit: degrees Celsius at which the servo
+    switches itself off. source: of the numbers."""
 
     torque_constant: float
     resistance: float
@@ -41,19 +38,19 @@ class DriveNumbers:
     source: str
 
     def stall_torque(self, voltage: float) -> float:
-        """Stall torque, N m, at full drive and `voltage` V."""
+        """Return the stall torque, N m, at full drive and `voltage` V."""
         return self.torque_constant * voltage / self.resistance
 
     @property
     def back_emf(self) -> float:
-        """Torque lost per speed to the voltage that the motor generates, N m s/rad."""
+        """Torque lost per speed to the motor's own voltage, N m s/rad."""
         return self.torque_constant * self.torque_constant / self.resistance
 
 
 @dataclass(frozen=True)
 class _Identified:
-    """armature kg m^2, friction N m, viscous N m s/rad; most_torque N m, motor (kt, R), None: the maker's numbers.
-    line: rad/s up to which it gives most_torque, and (rad/s, N m) of a point beyond; None: the motor's."""
+    """A row of `motors.yaml`, in the units of `DriveNumbers`. motor: (kt, R); None: the maker's numbers. line: highest
+    speed with most_torque, rad/s, and a point (rad/s, N m) beyond it; None: the motor's line."""
 
     armature: float
     friction: float
@@ -69,13 +66,12 @@ MEASURED = Path(__file__).with_name("motors.yaml")
 
 @cache
 def _identified() -> dict[str, _Identified]:
-    """The measured models, by name."""
     rows = yaml.safe_load(MEASURED.read_text(encoding="utf-8"))
     return {model: _Identified(**row) for model, row in rows.items()}
 
 
 def drive_numbers(model: ServoModel) -> DriveNumbers:
-    """The numbers of a model, by identification where there is one."""
+    """Return the numbers of a model, identified or derived."""
     known = _identified().get(model.name)
     if known is None:
         share = model.stall_torque
@@ -95,10 +91,10 @@ def drive_numbers(model: ServoModel) -> DriveNumbers:
 
 
 def _motor_of_line(model: ServoModel, known: _Identified) -> tuple[float, float]:
-    """kt and R of the motor whose torque falls with speed along the identified line, or faster, so that it turns no
-    faster than its maker says. Without a line it stalls at the maker's torque.
+    """Return kt and R of the motor whose torque falls with speed along the identified line, or faster, so that it turns
+    no faster than its maker says. Without a line it stalls at the maker's torque.
 
-    Torque at full drive is kt V / R - (kt^2 / R) x speed; friction, and viscous x speed, come off it.
+    Torque at full drive is kt V / R - (kt^2 / R) x speed, less friction and viscous x speed.
     """
     first, torque, fall = 0.0, model.stall_torque, 0.0
     if known.line is not None and known.most_torque is not None:

@@ -1,4 +1,4 @@
-"""A bus without servos: what is asked for is so, for runs that only compute."""
+"""A bus without servos, for runs that only compute."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from hardware.clock import Clock
 
 
 class NoBus:
-    """A `hardware.bus.ServoBus` that answers every goal with itself. `start` in ticks, (n,)."""
+    """A `hardware.bus.ServoBus` that answers every goal with itself. start: ticks (n,)."""
 
     def __init__(self, clock: Clock, *, start: TickArray) -> None:
         self._clock = clock
@@ -21,11 +21,11 @@ class NoBus:
         self._open = False
 
     def open(self) -> None:
-        """Do nothing: there is nothing to open."""
+        """Mark the bus as open."""
         self._open = True
 
     def read(self) -> ServoStates:
-        """Every servo at its goal, at rest and healthy; currents, voltages and temperatures are unknown."""
+        """Return every servo at its goal, at rest and healthy. Currents, voltages and temperatures are unknown."""
         check_open(self._open, where="no bus")
         return ServoStates(
             time=self._clock.now(),
@@ -47,11 +47,11 @@ class NoBus:
         self._position = goals.ticks
 
     def limit_drive(self, share: float) -> None:
-        """Do nothing: there is no drive to limit."""
+        """Do nothing."""
 
     def torque(self, on: bool) -> None:
-        """Do nothing: there is no torque to switch."""
+        """Do nothing."""
 
     def close(self) -> None:
-        """Nothing to close; no further call but `open`."""
+        """Mark the bus as closed."""
         self._open = False

@@ -6,12 +6,12 @@ from hardware.errors import printable
 
 PROCESSES = Path("/proc")
 LONGEST = 90
-"""Characters of a command line that are shown."""
+"""Longest command line that is shown, characters."""
 
 
 def named_process(number: int | str, processes: Path = PROCESSES) -> str:
-    """Describe a process as a person knows it: `process 12 (retarget servo monitor --robot op3)`, its number alone
-    where its command is not known. The interpreter of a script and the folders of both are left out."""
+    """Describe a process, for example `process 12 (retarget servo monitor --robot op3)`; its number alone if its
+    command is unknown. The interpreter of a script and all folders are left out."""
     text = _command(processes / str(number))
     return f"process {number} ({text})" if text else f"process {number}"
 

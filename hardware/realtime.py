@@ -1,6 +1,6 @@
 """Scheduling of the tick thread: real-time priority and a core of its own (Linux).
 
-Memory is not locked (mlockall): a tick allocates next to nothing, and a robot's computer should not swap at all.
+Memory is not locked (mlockall), since a tick allocates next to nothing.
 """
 
 import os
@@ -11,15 +11,14 @@ from dataclasses import dataclass
 from hardware.errors import HardwareError
 
 USUAL_PRIORITY = 40
-"""Priority of SCHED_FIFO, 1 to 99: below the kernel's interrupt threads (50 on PREEMPT_RT), which bring what a tick
-waits for."""
+"""Priority of SCHED_FIFO, 1 to 99, below the kernel's interrupt threads (50 on PREEMPT_RT), on which a tick waits."""
 HOW_TO_PERMIT = 'echo "$USER - rtprio 50" | sudo tee /etc/security/limits.d/retarget.conf, then log in again'
 ELSEWHERE = "(systemd: LimitRTPRIO=50; Docker: --cap-add SYS_NICE --ulimit rtprio=50)"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scheduling:
-    """priority: of SCHED_FIFO, 1 to 99; None: the usual one. core: the only one to run on; None: any."""
+    """priority: of SCHED_FIFO, 1 to 99; None: unchanged. core: the only one to run on; None: any."""
 
     priority: int | None = None
     core: int | None = None
@@ -27,9 +26,9 @@ class Scheduling:
 
 @contextmanager
 def scheduled(scheduling: Scheduling) -> Iterator[None]:
-    """Schedule the calling thread so within the context; threads that it starts do not inherit its priority.
+    """Schedule the calling thread within the context. Threads that it starts do not inherit the priority.
 
-    Raises HardwareError: no such priority or core, or not permitted; with how to permit it.
+    Raises HardwareError for an unknown or forbidden priority or core, with the remedy.
     """
     policy, parameter, cores = os.sched_getscheduler(0), os.sched_getparam(0), os.sched_getaffinity(0)
     try:
@@ -46,7 +45,7 @@ def scheduled(scheduling: Scheduling) -> Iterator[None]:
 
 
 def refuse_scheduling(scheduling: Scheduling) -> None:
-    """Raise HardwareError where `scheduled` would; nothing is changed."""
+    """Raise HardwareError if `scheduled` would; change nothing."""
     with scheduled(scheduling):
         pass
 

@@ -1,34 +1,32 @@
-"""Servos as data: models by their makers' numbers, servos of a robot by its profile, couplings, and position loops.
+"""Servos as data: models by their makers' numbers, servos of a robot, couplings, and position loops.
 
-A new Dynamixel model is two rows of data from the maker's e-Manual: one of `_MODELS` here (name without the suffix
-of the connector, no-load speed in rpm, stall torque in N m at a voltage, A per step of its current register or
-None), and one of `dynamixel/tables/models.tsv` (number, firmwares, modes, baud family, layers of the control table,
-whose registers are in `registers.tsv`). `FIRST` in `tests/hardware/dynamixel/test_control_table.py` has its first
-values, typed from the manual a second time. A row of `motors.yaml` has a published identification;
-without it friction is derived.
+A new Dynamixel model is two rows of data from the maker's e-Manual, one in `servo_models.tsv` and one in
+`dynamixel/tables/models.tsv`, whose registers are in `registers.tsv`. `FIRST` in
+`tests/hardware/dynamixel/test_control_table.py` repeats its first values. A row of `motors.yaml` holds a published
+identification of its motor.
 """
 
+import csv
 import math
 from dataclasses import dataclass
 from enum import Enum, StrEnum
+from pathlib import Path
 
 import numpy as np
 
 from hardware.errors import HardwareError
 
-# Two joints that two servos turn together, as data: a differential such as the waist of a humanoid.
-
 MAX_CONDITION = 1e3
-"""Worst ratio of the largest to the smallest turn of the joints by one of the servos; beyond it the servos cannot set
-both."""
+"""Highest condition number of a coupling's matrix. Beyond it the servos cannot set both joints."""
 
 
 @dataclass(frozen=True)
 class ServoCoupling:
-    """joint angles of `joints` = `matrix` @ shaft angles of the servos of `joints`, rad, both in this order.
+    """A differential: two joints that two servos turn together.
 
-    A shaft angle is `direction * (tick - zero_tick) * model.tick_rad`: at the zero ticks of both servos both joints are
-    at 0. Rows of the matrix are joints, columns servos. Both servos carry the same coupling.
+    joint angles = `matrix` @ shaft angles, rad, rows and columns in the order of `joints`. A shaft angle is `direction
+    * (tick - zero_tick) * model.tick_rad`, so both joints are at 0 at both zero ticks. Both servos carry the same
+    coupling.
     """
 
     joints: tuple[str, str]
@@ -42,21 +40,21 @@ class ServoCoupling:
 
     @property
     def inverse(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Inverse of the matrix: shaft angles = inverse @ joint angles, rad. Raises ZeroDivisionError for a singular
-        one (see `problems`)."""
+        """Inverse of the matrix: shaft angles = inverse @ joint angles. Raises ZeroDivisionError for a singular
+        matrix."""
         (a, b), (c, d) = self.matrix
         size = self.determinant
         return ((d / size, -b / size), (-c / size, a / size))
 
     @property
     def condition(self) -> float:
-        """Ratio of the singular values of the matrix, at least 1; inf for a singular one."""
+        """Condition number of the matrix, at least 1; inf for a singular matrix."""
         if not 0.0 < abs(self.determinant) < math.inf:
             return math.inf
         return float(np.linalg.cond(self.matrix))
 
     def problems(self) -> tuple[str, ...]:
-        """Return what is wrong with the coupling by itself, one text per finding; empty when valid."""
+        """Return the findings about the coupling alone, one text each."""
         found: list[str] = []
         here = f"coupling of {self.joints[0]} and {self.joints[1]}"
         if self.joints[0] == self.joints[1]:
@@ -73,14 +71,14 @@ class ServoCoupling:
 RPM = 2.0 * math.pi / 60.0  # [rad/s]
 
 MULTI_TURN_REACH = 1_048_575
-"""Goal position of a mode with more than one turn: at most this many ticks either way (e-Manual, register 116)."""
+"""Largest goal in either direction, ticks, in a mode with more than one turn (e-Manual, register 116)."""
 
 HOMING_REACH = 1024
-"""Largest homing offset, ticks either way, that a servo honours within one turn (e-Manual, register 20)."""
+"""Largest homing offset in either direction, ticks, that a servo honours within one turn (e-Manual, register 20)."""
 
 
 class ServoMode(StrEnum):
-    """How a servo follows its goal position (e-Manual, register 11: 3, 4 and 5)."""
+    """Operating modes that follow a goal position (e-Manual, register 11: 3, 4 and 5)."""
 
     POSITION = "position"
     EXTENDED_POSITION = "extended_position"
@@ -88,27 +86,28 @@ class ServoMode(StrEnum):
 
     @property
     def many_turns(self) -> bool:
-        """Whether goals may lie beyond one turn."""
+        """True if goals may lie beyond one turn."""
         return self is not ServoMode.POSITION
 
 
 @dataclass(frozen=True)
 class ServoStiffness:
-    """Torque per angle with which a shaft holds against being turned off its goal, N m/rad. nominal: what physics has
-    and goals are planned for; lowest, highest: where the truth may be."""
+    """Torque per angle with which a shaft is held at its goal, N m/rad.
+
+    nominal: used by physics and for planning goals. lowest, highest: range of the published values.
+    """
 
     nominal: float
     lowest: float
     highest: float
 
     def scaled(self, factor: float) -> "ServoStiffness":
-        """The stiffness with a P gain that is `factor` times as high."""
+        """Return the stiffness for a P gain that is `factor` times as high."""
         return ServoStiffness(factor * self.nominal, factor * self.lowest, factor * self.highest)
 
 
 class Layout(Enum):
-    """How the control table of a servo is laid out, which is apart from the protocol that carries its registers: what
-    registers there are, and what gains count. All servos of a bus have one layout."""
+    """The layout of a control table: its registers and the units of its gains. All servos of a bus have one layout."""
 
     X = "the layout of the X series"
     """X series, and MX with protocol 2.0: operating modes, turns, currents, a bus watchdog, 32-bit positions."""
@@ -120,12 +119,14 @@ FULL_PWM = 885.0  # register value of full drive
 GAIN_UNIT = 128.0  # position P gain register per unit of gain
 DEFAULT_P_GAIN = 800  # XM430 series
 DEFAULT_P_GAINS = {Layout.X: DEFAULT_P_GAIN, Layout.OLDER: 32}
-"""Default P gain; the default loop of the older layout is taken to be as stiff as that of the X series."""
+"""Default P gain. The default loop of the older layout is assumed to be as stiff as that of the X series."""
 
 
 def full_drive_error(gain: float) -> float:
-    """Error in rad of the shaft at which a P `gain` (register counts of the X series, above 0) asks for full drive. It
-    acts on encoder ticks of a turn of 4096, whatever the model counts in."""
+    """Return the error of the shaft, rad, at which a P `gain` (counts of the X series, above 0) gives full drive.
+
+    The gain acts on ticks of a 4096-tick turn, whatever the model's encoder counts.
+    """
     return FULL_PWM * GAIN_UNIT / gain * (2.0 * math.pi / 4096.0)
 
 
@@ -136,9 +137,11 @@ FIRM = 21.1 / 18.9
 
 
 def estimated_stiffness(torque: float) -> ServoStiffness:
-    """Stiffness with the default P gain of a model that stalls at `torque`, N m, by the e-Manual: drive is gain x
-    error, and full drive gives the stall torque. The truth is not known: public identifications differ by a factor of
-    four, so the range spans them all. `retarget servo stiffness` measures it."""
+    """Return the stiffness at the default P gain of a model with a stall torque, N m.
+
+    By the e-Manual, drive is gain x error, and full drive gives the stall torque. Public identifications differ by a
+    factor of four, and the range spans them all. `retarget servo stiffness` measures it.
+    """
     nominal = torque / full_drive_error(DEFAULT_P_GAIN)
     return ServoStiffness(nominal, min(nominal, SOFT), max(FIRM * nominal, SOFT))
 
@@ -147,10 +150,9 @@ def estimated_stiffness(torque: float) -> ServoStiffness:
 class ServoModel:
     """One servo model (e-Manual overview table).
 
-    `ticks` counts over `travel` rad, `centre_tick` is the middle of travel; `no_load_speed` rad/s and `stall_torque` N
-    m at `voltage` V; `current_unit` A per register step, None where the servo neither reports nor limits a current;
-    `protocols`: those that its firmware can speak; `stiffness`: with the default P gain, at `voltage`. `layout`: of its
-    control table with protocol 2.0, see `layout_in`.
+    ticks: counts over `travel` rad. centre_tick: middle of the travel. no_load_speed: rad/s, and stall_torque: N m, at
+    `voltage` V. current_unit: A per count; None if the servo neither reports nor limits a current. stiffness: at the
+    default P gain and `voltage`. protocols: those that its firmware supports. layout: with protocol 2.0.
     """
 
     name: str
@@ -166,12 +168,12 @@ class ServoModel:
     layout: Layout = Layout.X
 
     def layout_in(self, protocol: int) -> Layout:
-        """The layout of its control table with a protocol; with 1.0 it is the older one for all models."""
+        """Return the layout with a protocol. Protocol 1.0 has the older one for all models."""
         return Layout.OLDER if protocol == 1 else self.layout
 
     @property
     def has_turns(self) -> bool:
-        """Whether it has modes of many turns, with one of its protocols."""
+        """True if one of its protocols has modes of many turns."""
         return any(self.layout_in(protocol) is Layout.X for protocol in self.protocols)
 
     @property
@@ -180,57 +182,38 @@ class ServoModel:
         return self.travel / self.ticks
 
 
-def _turn(
-    name: str, rpm: float, stall_torque: float, voltage: float, current_unit: float | None, stall: float | None = None
-) -> ServoModel:
-    """A servo with the X and MX series' encoder: 4096 ticks per turn, 0 rad at 2048. stall: identified stall torque,
-    N m at `voltage`, from which its stiffness is taken instead."""
-    protocols = (1, 2) if name in ("MX-28", "MX-64") else (2,)
-    stiffness = estimated_stiffness(stall_torque if stall is None else stall)
-    speed = rpm * RPM
-    return ServoModel(name, 4096, 2.0 * math.pi, 2048, speed, stall_torque, voltage, current_unit, stiffness, protocols)
+def _read_models() -> dict[str, ServoModel]:
+    """The rows of `servo_models.tsv`."""
+    lines = (line for line in MODELS.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
+    found: dict[str, ServoModel] = {}
+    for row in csv.DictReader(lines, delimiter="\t"):
+        torque, ticks = float(row["torque"]), int(row["ticks"])
+        found[row["model"]] = ServoModel(
+            name=row["model"],
+            ticks=ticks,
+            travel=math.radians(float(row["travel"])),
+            centre_tick=ticks // 2,
+            no_load_speed=float(row["speed"]) * RPM,
+            stall_torque=torque,
+            voltage=float(row["volts"]),
+            current_unit=float(row["current_step"]) if row["current_step"] else None,
+            stiffness=estimated_stiffness(float(row["identified"]) if row["identified"] else torque),
+            protocols=tuple(map(int, row["protocols"].split())),
+            layout=Layout[row["layout"]],
+        )
+    return found
 
 
-def _part_of_turn(name: str, rpm: float, stall_torque: float, voltage: float, *, protocol: int) -> ServoModel:
-    """A servo of the older layout with a potentiometer: 1024 ticks over 300 degrees, 0 rad at 512."""
-    stiffness, speed = estimated_stiffness(stall_torque), rpm * RPM
-    travel, layout = math.radians(300.0), Layout.OLDER
-    return ServoModel(name, 1024, travel, 512, speed, stall_torque, voltage, None, stiffness, (protocol,), layout)
-
-
-# name, no-load speed [rpm], stall torque [N m], both at [V], current step [A]; identified stall torque [N m]: kt V / R
-# of Rhoban bam, model m1
-_MODELS = (
-    _turn("XM430-W350", 46.0, 4.1, 12.0, 2.69e-3),
-    _turn("XM430-W210", 77.0, 3.0, 12.0, 2.69e-3),
-    _turn("XL430-W250", 61.0, 1.5, 12.0, None),
-    _turn("XC430-W240", 70.0, 1.9, 12.0, None),
-    _turn("2XL430-W250", 61.0, 1.5, 12.0, None),
-    _turn("2XC430-W250", 64.0, 1.8, 12.0, None),
-    _turn("XL330-M288", 103.0, 0.52, 5.0, 1.0e-3, 0.481),
-    _turn("XL330-M077", 383.0, 0.215, 5.0, 1.0e-3),
-    _turn("XC330-M288", 81.0, 0.93, 5.0, 1.0e-3),
-    _turn("XC330-M181", 129.0, 0.60, 5.0, 1.0e-3),
-    _turn("XC330-T288", 71.0, 1.0, 12.0, 1.0e-3),
-    _turn("XC330-T181", 113.0, 0.80, 12.0, 1.0e-3),
-    _turn("XH540-W270", 46.0, 11.7, 14.8, 2.69e-3),
-    _turn("XH540-W150", 86.0, 8.5, 14.8, 2.69e-3),
-    _turn("XM540-W270", 30.0, 10.6, 12.0, 2.69e-3),
-    _turn("XM540-W150", 53.0, 7.3, 12.0, 2.69e-3),
-    _turn("MX-28", 55.0, 2.5, 12.0, None),
-    _turn("MX-64", 63.0, 6.0, 12.0, 3.36e-3, 4.93),
-    _turn("MX-106", 45.0, 8.4, 12.0, 3.36e-3, 8.87),
-    _part_of_turn("AX-12A", 59.0, 1.5, 12.0, protocol=1),
-    _part_of_turn("XL-320", 114.0, 0.39, 7.4, protocol=2),
-)
-
-SERVO_MODELS: dict[str, ServoModel] = {model.name: model for model in _MODELS}
+MODELS = Path(__file__).with_name("servo_models.tsv")
+SERVO_MODELS = _read_models()
 """Every known model by its maker's name, without the suffix of the connector (-T, -R)."""
 
 
 def find_model(name: str) -> ServoModel:
-    """Return the model called `name`; a trailing connector suffix (-T or -R) is accepted. Raises HardwareError with the
-    known names."""
+    """Return the model called `name`, with or without the suffix of its connector (-T, -R).
+
+    Raises HardwareError with the known names.
+    """
     model = SERVO_MODELS.get(name) or SERVO_MODELS.get(name.removesuffix("-T").removesuffix("-R"))
     if model is None:
         known = ", ".join(SERVO_MODELS)
@@ -242,8 +225,7 @@ def find_model(name: str) -> ServoModel:
 
 @dataclass(frozen=True)
 class ServoGains:
-    """Position gains as written to the servo's registers (0 to 16383, older layout: 0 to 254); None keeps the servo's
-    own default."""
+    """Position gains in register counts (0 to 16383; older layout: 0 to 254). None keeps the servo's own default."""
 
     position_p: int | None = None
     position_i: int | None = None
@@ -256,11 +238,11 @@ class ServoGains:
 class ServoSpec:
     """One servo of a robot and the joint that it drives.
 
-    A joint angle q is held at shaft tick `zero_tick + direction * gear * q / model.tick_rad`; `gear` is shaft turns per
-    joint turn. With a `coupling` the servo turns two joints together with another one: then `gear` is 1, and q in this
-    formula is the shaft angle of the coupling. `lower`, `upper` rad, `max_velocity` rad/s and `max_acceleration`
-    rad/s^2 are the joint's; `current_limit` in A, None: unlimited. `homing_offset`: what the servo's own register 20
-    holds, in ticks; it is part of every tick here, as the servo adds it to all that it reports. `protocol`: of its bus.
+    Joint angle q corresponds to shaft tick `zero_tick + direction * gear * q / model.tick_rad`; `gear` is shaft turns
+    per joint turn. With a `coupling` the gear is 1, and q is the shaft angle of the coupling. lower, upper: rad;
+    max_velocity: rad/s; max_acceleration: rad/s^2, of the joint. current_limit: A; None: unlimited. homing_offset:
+    content of register 20, ticks. The servo adds it to all positions that it reports, so every tick here includes it.
+    protocol: of its bus.
     """
 
     joint: str
@@ -283,28 +265,28 @@ class ServoSpec:
 
     @property
     def label(self) -> str:
-        """The name of the servo in messages."""
+        """Name of the servo in messages."""
         return f"{self.joint} (id {self.id})"
 
     @property
     def ticks_per_rad(self) -> float:
-        """Signed ticks per radian of the joint; of the shaft where it is coupled."""
+        """Signed ticks per radian of the joint, or of the shaft if it is coupled."""
         return self.direction * self.gear / self.model.tick_rad
 
     @property
     def lowest_tick(self) -> int:
-        """First goal tick that the servo takes in its mode."""
+        """First goal tick that the servo accepts in its mode."""
         return -MULTI_TURN_REACH if self.mode.many_turns else max(0, self.homing_offset)
 
     @property
     def highest_tick(self) -> int:
-        """Last goal tick that the servo takes in its mode."""
+        """Last goal tick that the servo accepts in its mode."""
         return MULTI_TURN_REACH if self.mode.many_turns else self.model.ticks - 1 + min(0, self.homing_offset)
 
     def problems(self) -> tuple[str, ...]:
-        """Return what keeps this servo from being driven, one text per finding; empty when valid.
+        """Return the reasons why this servo cannot be driven, one text each.
 
-        For a coupled servo, `hardware.joint_map` checks what needs the other servo.
+        For a coupled servo, `hardware.joint_map` checks its limits together with the other servo.
         """
         found: list[str] = []
         numbers = (self.lower, self.upper, self.max_velocity, self.max_acceleration, self.gear)
@@ -324,7 +306,6 @@ class ServoSpec:
         return tuple(found)
 
     def _unfit_mode(self) -> list[str]:
-        """Findings about the mode, and about what goes with it."""
         found: list[str] = []
         if not self.mode.many_turns and abs(self.homing_offset) > HOMING_REACH:
             found.append(
@@ -342,7 +323,6 @@ class ServoSpec:
         return found
 
     def _beyond_the_servo(self) -> list[str]:
-        """Findings about limits that the servo itself cannot serve."""
         found: list[str] = []
         ends = sorted(self.zero_tick + self.ticks_per_rad * q for q in (self.lower, self.upper))
         if ends[0] < self.lowest_tick - 0.5 or ends[1] > self.highest_tick + 0.5:
@@ -359,28 +339,28 @@ class ServoSpec:
         return found
 
 
-# The lag of a servo's shaft behind its goal: a position loop with a P gain alone, whose drive is full at the no-load
-# speed.
+# The position loop of a servo: a P gain, whose drive is full at the no-load speed.
 
 
 def loop_lag(servo: ServoSpec) -> float:
-    """Time constant in s of the servo's position loop, from its P gain: drive = gain x error, full drive = no-load
-    speed.
+    """Return the time constant of the servo's position loop, s.
 
-    Source: e-Manual, Position PID Gain (84, unit 1/128; MX with protocol 1: 28) and Goal PWM (100, full at 885).
+    Drive is gain x error, and full drive gives the no-load speed. Source: e-Manual, Position PID Gain (84, unit 1/128;
+    MX with protocol 1: 28) and Goal PWM (100, full at 885).
     """
     return lag_of_gain(servo.model, p_gain(servo))
 
 
 def loop_stiffness(servo: ServoSpec) -> float:
-    """Torque by which the servo's shaft holds against being turned off its goal, N m/rad, at its model's voltage: the
-    nominal one of its model, with its P gain. Physics and the compensation of deflection both take it from here."""
+    """Return the torque per angle, N m/rad, with which the servo holds its shaft at its goal, at its model's voltage.
+
+    Simulated physics and the deflection compensation both use it.
+    """
     return servo.model.stiffness.nominal * p_gain(servo) / DEFAULT_P_GAIN
 
 
 def integral_rate(servo: ServoSpec) -> float:
-    """Share of its error that the servo's I gain adds to it in a second, 1/s: with it a shaft that is held off its goal
-    by a load creeps towards it.
+    """Return the share of the error that the I gain adds to the P term per second, 1/s.
 
     Source: e-Manual, Position PID Gain (82, unit 1/65536 per ms; MX with protocol 1: 27, 1/2048).
     """
@@ -391,11 +371,11 @@ def integral_rate(servo: ServoSpec) -> float:
 
 
 def p_gain(servo: ServoSpec) -> float:
-    """The servo's P gain, or its default, in register counts of the X series."""
+    """Return the servo's P gain, or its default, in register counts of the X series."""
     usual = DEFAULT_P_GAINS[servo.model.layout_in(servo.protocol)]
     return DEFAULT_P_GAIN * (servo.gains.position_p or usual) / usual
 
 
 def lag_of_gain(model: ServoModel, gain: float) -> float:
-    """Time constant in s of a model's position loop with a P `gain` (register counts of the X series, above 0)."""
+    """Return the time constant, s, of a model's position loop with a P `gain` (counts of the X series, above 0)."""
     return full_drive_error(gain) / model.no_load_speed

@@ -1,7 +1,5 @@
-"""Servo health: temperature, supply, current, errors and following error against bounds, first warnings, then stops.
-
-Also the health of the buses: whether any servo answers, and how many answers come damaged.
-"""
+"""Servo health: temperature, supply, current, errors and following error against bounds, first warnings, then stops;
+and bus health: silence and damaged answers."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,31 +16,26 @@ from hardware.heat import HeatForecast
 from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec
 
-# The watched quantities: their bounds, and the words of a fault or a warning.
-
 Bounds = tuple[float, float]
 """Lowest and highest value."""
 
 ANYTHING: Bounds = (-inf, inf)
 EASE = 0.1
-"""Share of its level by which a current or a following error has to fall below it before a warning ends."""
+"""Share of its level by which a current or following error must fall below it before a warning ends."""
 COOLER = 2.0
-"""[degrees Celsius] the same for temperatures, which servos report in whole degrees."""
+"""[degrees Celsius] The same for temperatures, which servos report in whole degrees."""
 STEADIER = 0.2
-"""[V] the same for voltages."""
+"""[V] The same for voltages."""
 MOST_OF_ALL = 3
-"""Servos that are named one by one at most where all servos of a robot are meant."""
+"""Number of servos up to which all are named one by one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Watched:
-    """One quantity of every servo. stop: bounds beyond which the robot stops; patience: s that they may be exceeded.
-
-    warn: bounds beyond which there is a warning, after the same patience; ease: how far within them the warning ends;
-    slows: the warning slows the robot too. text: what is wrong beyond bounds {0} to {1}, before the names of the
-    servos; value: the format of a value, "" where only the servo's name says anything. quantity: its name, of one that
-    must go on being read.
-    """
+    """One quantity of every servo. stop: bounds beyond which the robot stops, once exceeded for `patience`, s. warn:
+    bounds of a warning, after the same time, which ends `ease` within them. slows: the warning slows the robot. text:
+    the fault, with bounds {0} and {1}, before the servos' names. value: format of a value; "": only names are given.
+    quantity: name of a value that must remain readable."""
 
     cause: StopCause
     stop: Bounds
@@ -55,14 +48,18 @@ class Watched:
     quantity: str = ""
 
     def in_words(self, value: float) -> str:
-        """A value in words."""
+        """Return a value in words."""
         if self.cause is StopCause.SERVO_ALERT:
             return "+".join(alert_names(int(value)))
         return self.value.format(value)
 
 
 def watched(limits: GuardLimits) -> tuple[Watched, ...]:
-    """The watched quantities, in the order of `WatchedRow`."""
+    """Return the watched quantities, in the order of `WatchedRow`."""
+
+    def eased(level: float) -> float:
+        return EASE * level if np.isfinite(level) else 0.0
+
     return (
         Watched(cause=StopCause.SERVO_ALERT, stop=(0, 0), text="reports"),
         Watched(
@@ -95,13 +92,6 @@ def watched(limits: GuardLimits) -> tuple[Watched, ...]:
             ease=STEADIER,
             quantity="voltage",
         ),
-        *_load(limits),
-    )
-
-
-def _load(limits: GuardLimits) -> tuple[Watched, ...]:
-    """Current, and how far a servo is from its goal."""
-    return (
         Watched(
             cause=StopCause.CURRENT,
             stop=(0, limits.max_current),
@@ -109,7 +99,7 @@ def _load(limits: GuardLimits) -> tuple[Watched, ...]:
             text=f"draws more than {{1:g}} A for {limits.current_time:g} s:",
             value="{:.2f} A",
             patience=limits.current_time,
-            ease=_eased(limits.warn_current),
+            ease=eased(limits.warn_current),
             slows=True,
         ),
         Watched(  # a large following error at once, a smaller one after sustained_time
@@ -125,7 +115,7 @@ def _load(limits: GuardLimits) -> tuple[Watched, ...]:
             text=f"is more than {{1:g}} rad from its goal for {limits.sustained_time:g} s:",
             value="{:.2f} rad",
             patience=limits.sustained_time,
-            ease=_eased(limits.warn_following_error),
+            ease=eased(limits.warn_following_error),
         ),
     )
 
@@ -137,8 +127,8 @@ class WatchedRow(IntEnum):
 
 
 def name_servos(servos: Sequence[ServoSpec], row: Watched, which: BoolArray, values: FloatArray) -> str:
-    """Name every servo of the mask (n,) with its value (n,), for example: l_el (id 6) OVERLOAD. Where all servos are in
-    the mask, their supply or their bus is at fault: only their number and the range of the values are given."""
+    """Name the servos of a mask (n,) with their values (n,), for example: l_el (id 6) OVERLOAD. If it holds all servos,
+    the supply or bus is at fault, and only their number and range of values are given."""
     if which.all() and len(servos) > MOST_OF_ALL:
         found = list(dict.fromkeys(row.in_words(float(value)) for value in np.sort(values)))
         values_text = " and ".join(found) if len(found) < MOST_OF_ALL else f"{found[0]} to {found[-1]}"
@@ -147,46 +137,34 @@ def name_servos(servos: Sequence[ServoSpec], row: Watched, which: BoolArray, val
     return ", ".join(f"{servos[place].label} {row.in_words(float(values[place]))}".rstrip() for place in places)
 
 
-def _eased(level: float) -> float:
-    return EASE * level if np.isfinite(level) else 0.0
-
-
-# What is found wrong.
-
-
 @dataclass(frozen=True)
 class ServoFault:
-    """A fault of servos or of their bus: what the robot must do, the cause, and the reason in words."""
+    """A fault of servos or of their bus: the required stop category, the cause, and the reason in words."""
 
     category: StopCategory
     cause: StopCause
     reason: str
 
 
-# Bounds of quantities that may be exceeded for some time.
-
-ROUND_OFF = 1e-9
-"""[s] by which sums of ticks may miss a patience."""
+TIME_ROUND_OFF = 1e-9
+"""[s] Round-off of sums of ticks."""
 
 
 class ServoLevels:
-    """Bounds of rows of values (rows, n), a pair of least and most for each row, and a patience, s, for each.
-
-    Unknown values (NaN) are within every bound.
-    """
+    """Bounds of values (rows, n), and a patience, s, for each row. Unknown values (NaN) are within every bound."""
 
     def __init__(self, bounds: Sequence[tuple[float, float]], patience: Sequence[float], count: int) -> None:
         self.least = np.array([[least] * count for least, _ in bounds])  # (rows, n)
         self.most = np.array([[most] * count for _, most in bounds])
-        self._patience = np.array(patience)[:, None] - ROUND_OFF
+        self._patience = np.array(patience)[:, None] - TIME_ROUND_OFF
         self._nothing = np.full(self.least.shape, np.inf)
         self._since = self._nothing  # [s] when each went beyond, infinite where it is within
         self.count = 0
-        """Values beyond their bounds at the last look, be it for less than their patience."""
+        """Values beyond their bounds at the last call, for however short a time."""
 
     def beyond(self, seen: FloatArray, now: float) -> BoolArray:
-        """Mask (rows, n) of the values that are beyond their bounds at `now`, s, and were for the whole of their
-        patience."""
+        """Return the mask (rows, n) of values that have been beyond their bounds for their whole patience at `now`,
+        s."""
         out: BoolArray = (seen < self.least) | (seen > self.most)
         self.count = int(np.count_nonzero(out))
         if not self.count:
@@ -197,17 +175,14 @@ class ServoLevels:
         return np.asarray(out & late)
 
     def forget(self) -> None:
-        """Forget that any value was beyond its bounds."""
+        """Restart all patience times."""
         self._since, self.count = self._nothing, 0
 
 
-# Following error: goals that a servo lags behind as its gain lets it are none.
-
-
 class ExpectedRange:
-    """The range in which n shafts may be: from the response of a loop with its lag to the goal.
+    """Range of n shafts between the response of a position loop with its lag and the goal.
 
-    A servo that follows as well as its gain lets it has no error, however fast its goal moves.
+    A servo that follows as well as its gain allows has no error, however fast its goal moves.
     """
 
     def __init__(self, lag: FloatArray) -> None:
@@ -217,12 +192,12 @@ class ExpectedRange:
         self._time = 0.0
 
     def forget(self) -> None:
-        """Forget the response: the next one begins at its goal."""
+        """Restart the response at the next goal."""
         self._at = None
 
     def error(self, time: float, goal: TickArray, position: TickArray) -> FloatArray:
-        """Distance (n,) in ticks of shafts at `position` from the range, with goals that they have had until `time`, s;
-        positive above it."""
+        """Return the distance (n,), ticks, of `position` from the range of goals held until `time`, s; positive above
+        it."""
         end, here = goal.astype(np.float64), position.astype(np.float64)
         if self._at is None:
             self._at = end
@@ -233,21 +208,19 @@ class ExpectedRange:
         return np.asarray(here - np.minimum(np.maximum(here, lowest), highest))
 
 
-# Warnings: beyond a bound, yet not so far that the robot must stop. Each is reported once; some slow the robot.
-
 RAMP_S = 0.4
-"""Time in which the robot goes from full speed to slow, and back."""
+"""[s] Duration of the speed ramp from full to slow, and back."""
 CALM_S = 1.0
-"""Time, s, that a value must be back within its bounds before a warning ends."""
+"""[s] Time for which a value must be within its bounds before a warning ends."""
 MOST_NEWS = 100
-"""Texts that are kept until the caller takes them; older ones are dropped."""
+"""Largest number of texts kept for the caller; older ones are dropped."""
 
 
 class ServoWarnings:
-    """The warnings about one robot's servos. share: of its speed, at which the robot spares its servos.
+    """Warnings about one robot's servos, each reported once. share: the speed override during one that slows the robot.
 
-    speed_override: the present share of all speeds, from 1 down to `share`; it changes smoothly. active (rows, n): mask
-    of the warnings that are active.
+    speed_override: present value, from 1 down to `share`, which changes smoothly. active (rows, n): mask of active
+    warnings.
     """
 
     def __init__(self, servos: Sequence[ServoSpec], rows: Sequence[Watched], share: float) -> None:
@@ -266,7 +239,7 @@ class ServoWarnings:
 
     @property
     def busy(self) -> bool:
-        """Whether there is a warning, or one may come, or the robot is not back at its full speed."""
+        """True if a warning is active or pending, or the robot is below full speed."""
         return self.speed_override < 1.0 or self.levels.count > 0 or self._count > 0
 
     def look(self, seen: FloatArray, now: float) -> None:
@@ -285,18 +258,7 @@ class ServoWarnings:
             self._notify(began, seen, "warning: servo {warning} {names}{slower}")
         if ended.any():
             self._notify(ended, seen, "over: servo {warning} {names} now")
-        self._change_speed(now)
-
-    def add(self, text: str) -> None:
-        """Add a warning about something else than a servo's values."""
-        self._news = [*self._news, text][-MOST_NEWS:]
-
-    def take_news(self) -> list[str]:
-        """Return the warnings that began and ended since the last call, a sentence each."""
-        news, self._news = self._news, []
-        return news
-
-    def _change_speed(self, now: float) -> None:
+        # The speed override ramps down while a warning slows the robot, then up again.
         elapsed = 0.0 if self._at is None else max(now - self._at, 0.0)
         self._at = now
         goal = self._share if self.active[self._slows].any() else 1.0
@@ -307,6 +269,15 @@ class ServoWarnings:
             else min(goal, self.speed_override + step)
         )
 
+    def add(self, text: str) -> None:
+        """Add a warning about something other than a servo's values."""
+        self._news = [*self._news, text][-MOST_NEWS:]
+
+    def take_news(self) -> list[str]:
+        """Return the warnings that began or ended since the last call."""
+        news, self._news = self._news, []
+        return news
+
     def _notify(self, which: BoolArray, seen: FloatArray, form: str) -> None:
         for row, mask, values in zip(self._rows, which, seen, strict=True):
             if mask.any():
@@ -316,21 +287,17 @@ class ServoWarnings:
         del self._news[:-MOST_NEWS]
 
 
-# The health of a bus: whether any servo on it answers, and the share of cycles with damaged answers.
-
-APART_S = 0.5
-"""Silent cycles that are farther apart, s, are not counted together."""
+SILENCE_GAP_S = 0.5
+"""[s] Silent cycles farther apart are not counted together."""
 HIGHEST_ERROR_RATE = 0.6
-"""Share of cycles with damaged answers at which the robot stops (see `ServoStates.error_rate`)."""
+"""Error rate at which the robot stops (see `ServoStates.error_rate`)."""
 
 
 class BusHealth:
-    """Judges the buses of one robot. A bus with one servo cannot be distinguished from that servo: the servo's age
-    counts instead.
+    """Judges the buses of one robot. On a bus with one servo, the servo's own age counts instead.
 
-    max_silence: s without a valid answer from any servo of a bus, within which the robot can hold. limbs (n,): servos
-    that the robot goes to rest without; a bus of these alone is no lost bus. answered: share of the cycles in which all
-    buses answered, since the first of those silent cycles that are not APART_S from the next.
+    max_silence: s without an answer from any servo of a bus, during which the robot may hold. limbs (n,): servos that
+    the robot goes to rest without; a bus of these alone is never a lost bus.
     """
 
     def __init__(self, joint_map: JointMap, max_silence: float, limbs: BoolArray | None = None) -> None:
@@ -343,22 +310,23 @@ class BusHealth:
         self._silent_at = -inf  # [s] the last
         self._cycles = self._silent = 0  # since the first of those silent cycles
         self.lost: BoolArray = np.zeros(len(joint_map), dtype=np.bool_)
-        """Servos (n,) that are given up: a bus of these alone is not waited for."""
+        """Mask (n,) of abandoned servos."""
 
     @property
     def answered(self) -> float:
-        """Share of the cycles, see the class; 1 before any was silent."""
+        """Share of cycles with answers from all buses, since the first of the silent cycles that are counted together;
+        1 if none was silent."""
         return 1.0 - self._silent / max(self._cycles, 1)
 
-    def silence(self, states: ServoStates) -> "ServoFault | None":
-        """What a silent bus asks for: hold the robot, and switch its torque off after max_silence; None: no silence.
+    def silence(self, states: ServoStates) -> ServoFault | None:
+        """Return a fault while a bus is silent: hold, then torque off after max_silence.
 
-        The age of an answer is counted to the beginning of a cycle, and a host may be held up before one: torque is
-        switched off in the second silent cycle at the earliest.
+        Ages count from the start of a cycle, which the host may delay, so torque goes off in the second silent cycle at
+        the earliest.
         """
         age, name = self.quietest(states)
         first, self._silent_since = self._silent_since, inf if age == 0.0 else min(self._silent_since, states.time)
-        if age > 0.0 and states.time - self._silent_at > APART_S:
+        if age > 0.0 and states.time - self._silent_at > SILENCE_GAP_S:
             self._cycles = self._silent = 0
         self._cycles += 1
         if age == 0.0:
@@ -370,8 +338,8 @@ class BusHealth:
         reason = f"the bus is silent: no valid answer from any servo of bus {name} for {age:.3f} s"
         return ServoFault(StopCategory.TORQUE_OFF if lost else StopCategory.HOLD, StopCause.BUS_SILENT, reason)
 
-    def error_rate(self, states: ServoStates) -> "ServoFault | None":
-        """The fault of a bus that still works, but badly; or None."""
+    def error_rate(self, states: ServoStates) -> ServoFault | None:
+        """Return the fault of a bus with too many damaged answers, or None."""
         if states.error_rate < HIGHEST_ERROR_RATE:
             return None
         share = f"in {states.error_rate:.0%} of the cycles of late"
@@ -379,8 +347,8 @@ class BusHealth:
         return ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.BUS, reason)
 
     def quietest(self, states: ServoStates, buses: Collection[str] | None = None) -> tuple[float, str]:
-        """The longest time, s, for which no servo of a bus has given a valid answer, and the name of the bus; 0: all
-        answer. Of a bus that never answered it is infinite. buses: names of those that count; None: all."""
+        """Return the longest time, s, since the last answer from a whole bus, and its name; 0 if all answer, inf before
+        the first answer. buses: names of those that count; None: all."""
         if states.complete:
             return 0.0, ""
         ages = (
@@ -391,17 +359,17 @@ class BusHealth:
         return max(ages, default=(0.0, ""))
 
 
-HEAT_SHOWN_S, HEAT_SAID_S = 3600.0, 300.0
-"""[s] Times until a servo is warm, from which on they are shown, and said once."""
+HEAT_SHOWN_S, HEAT_WARNED_S = 3600.0, 300.0
+"""[s] Times until a warm servo from which it is shown, and warned of once."""
 CHECK_BUS = "Check power, wiring and the bus of the profile, or whether the host is too busy"
 
 
 class ServoHealth:
-    """Judges the states of one robot's servos. A temperature or voltage that is no longer known (NaN) is a fault.
-    One that never was known is none, since some buses do not report it; nor is an unknown current.
+    """Judges the states of one robot's servos. A temperature or voltage that is no longer known (NaN) is a fault; one
+    that never was known is none, since some buses do not report it.
 
-    lost (n,): servos of limbs that were found silent, with the other one of a coupled pair. Nothing more is asked of
-    them, even if they answer again.
+    lost (n,): silent servos of limbs, with the partner of a coupled pair. They are no longer judged, even if they
+    answer.
     """
 
     def __init__(self, joint_map: JointMap, limits: GuardLimits) -> None:
@@ -417,18 +385,20 @@ class ServoHealth:
         self.warnings = ServoWarnings(joint_map.servos, self._rows, limits.slow_share)
         warm = limits.warn_temperature if np.isfinite(limits.warn_temperature) else limits.max_temperature
         self._heat = HeatForecast(warm, ~self._limbs)
-        self._heat_said = False
+        self._heat_warned = False
         self._seen = np.zeros((len(self._rows), count))
         self._reported = np.zeros(self._seen.shape, dtype=np.bool_)  # limited values that were known at least once
         self._zeros = np.zeros(count)
         self._limited = np.isfinite(self._levels.least) | np.isfinite(self._levels.most)
 
     def check(self, states: ServoStates, sent: TickArray | None, held: FloatArray | None = None) -> ServoFault | None:
-        """The fault for which the robot must stop or hold, the gravest first; or None. sent (n,): goal ticks of the
-        last tick. held (n,): rad, where these goals hold the joints under their load; None: at the goals.
-        """
+        """Return the gravest fault for which the robot must stop or hold, or None. sent (n,): goal ticks of the last
+        tick. held (n,): rad, joint positions expected under load; None: at the goals."""
         if self._heat.look(states.time, states.temperature):
-            self._say_heat()
+            first = self._heat.soonest
+            if first is not None and 0.0 < first.left < HEAT_WARNED_S and not self._heat_warned:
+                self._heat_warned = True
+                self.warnings.add(f"warning: {self.heat_words}, if it goes on so: let it sit for a while")
         silence = self.buses.silence(states)
         if silence is not None and silence.category is StopCategory.TORQUE_OFF:
             return silence
@@ -453,7 +423,7 @@ class ServoHealth:
 
     @property
     def heat_words(self) -> str:
-        """The servo of those that carry the robot that will be warm first, in words; "" where none will for an hour."""
+        """The carrying servo that will be warm first, in words; "" if none will be within an hour."""
         first = self._heat.soonest
         if first is None or not first.left < HEAT_SHOWN_S:
             return ""
@@ -461,15 +431,8 @@ class ServoHealth:
         when = f"in about {minutes} min" if first.left else "now"
         return f"{joint} {first.temperature:.0f} °C, warm ({first.warns_at:g} °C) {when}"
 
-    def _say_heat(self) -> None:
-        """Say once that a servo will be warm soon."""
-        first = self._heat.soonest
-        if first is not None and 0.0 < first.left < HEAT_SAID_S and not self._heat_said:
-            self._heat_said = True
-            self.warnings.add(f"warning: {self.heat_words}, if it goes on so: let it sit for a while")
-
     def refuse_unhealthy(self, states: ServoStates) -> None:
-        """Raise for servos that cannot be armed: BusError when none answers, GuardError with all that is wrong."""
+        """Raise for servos that cannot be armed: BusError when none answers, GuardError with all faults."""
         missing = ~states.valid
         if missing.all():
             raise BusError("no servo answers", where="arming", then=CHECK_BUS)
@@ -484,7 +447,7 @@ class ServoHealth:
             )
 
     def _aimed(self, sent: TickArray, held: FloatArray) -> TickArray:
-        """Ticks (n,) at which the shafts are to be: `held`, or `sent` where both agree within a tick."""
+        """Return the ticks (n,) of `held`, or `sent` if both agree within a tick."""
         if (np.abs(self._joint_map.to_radians(sent) - held) <= self._joint_map.tick_rad).all():
             return sent
         try:
@@ -493,7 +456,6 @@ class ServoHealth:
             return sent
 
     def _look(self, states: ServoStates, sent: TickArray | None) -> None:
-        """Store the watched values."""
         seen = self._seen
         seen[WatchedRow.ALERT], seen[WatchedRow.AGE] = states.alert, states.age
         seen[WatchedRow.TEMPERATURE], seen[WatchedRow.VOLTAGE] = states.temperature, states.voltage
@@ -511,7 +473,8 @@ class ServoHealth:
             seen[WatchedRow.FAR] = seen[WatchedRow.STILL_FAR] = np.where(known, far, seen[WatchedRow.FAR])
 
     def _wrong(self, now: float) -> BoolArray:
-        """Which servos (rows, n) are beyond which bound, or no longer report what they did (NaN); none that is lost."""
+        """Return the mask (rows, n) of values beyond their bounds, or no longer reported (NaN), except of lost
+        servos."""
         beyond = self._levels.beyond(self._seen, now)
         unknown = np.isnan(self._seen)
         if not unknown.any():
@@ -522,7 +485,7 @@ class ServoHealth:
         return np.asarray(wrong & ~self.lost)
 
     def _faults(self, wrong: BoolArray) -> Iterator[ServoFault]:
-        """All faults of the servos (rows, n), in order of the rows; then values that are no longer read."""
+        """Yield all faults of the mask (rows, n) in order of the rows, then values that are no longer read."""
         unread = np.isnan(self._seen) & wrong
         for row, which, values in zip(self._rows, wrong & ~unread, self._seen, strict=True):
             if which.any():

@@ -1,1 +1,4 @@
-"""The Dynamixel side of a bus: packets of both protocols, control tables, ports, the cyclic exchange, the bus."""
+"""Dynamixel buses: packets of both protocols, control tables, ports, the cyclic exchange.
+
+In: goal ticks. Out: servo states. Imports `hardware` only.
+"""

@@ -84,7 +84,7 @@ class CyclicImu:
             self.post()
             self.finish()
             self._late = False
-        sample, fault = self.device.sample(now), self.device.fault
+        sample, fault = self.device.tracker.sample(now), self.device.tracker.fault
         self._since = min(self._since, now if self._asked else np.inf)
         if fault is not None and fault not in self._told and now > self._since + FRESH:
             self._told.add(fault)

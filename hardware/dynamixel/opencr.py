@@ -11,7 +11,7 @@ from functools import cached_property
 
 from hardware.dynamixel.control_table import ControlTable, Register
 from hardware.dynamixel.cyclic import LOST_AFTER, PROBE_PERIOD, Ask, BusLine, ReadKind, Timeouts
-from hardware.imu import GRAVITY, ImuFault, ImuReading, ImuSample, ImuSpec, ImuTracker, from_roll_pitch_yaw
+from hardware.imu import GRAVITY, ImuReading, ImuSpec, ImuTracker, from_roll_pitch_yaw
 
 ID, NUMBER = 200, 0x7400
 """Id and model number as delivered."""
@@ -27,7 +27,7 @@ ANGLE_UNIT = math.radians(0.1)
 """[rad] One count of roll, pitch and yaw."""
 FULL_SCALE = 32767
 """[count] A gyroscope at the end of its range: no robot turns as fast. An accelerometer gets there in an impact."""
-HALF_TURN = 3600
+MOST_ANGLE = 3600
 """[count] Angles, of which the firmware takes an offset, stay below two half turns."""
 
 
@@ -75,7 +75,7 @@ TABLE = ControlTable(
 def imu_reading(data: bytes) -> ImuReading | None:
     """The measurement in the 18 bytes from IMU_FIRST on; None: a turn or an angle that there is not."""
     a, b, c, x, y, z, roll, pitch, yaw = _MEASURED.unpack(data)
-    if max(abs(a), abs(b), abs(c)) >= FULL_SCALE or max(abs(roll), abs(pitch), abs(yaw)) > HALF_TURN:
+    if max(abs(a), abs(b), abs(c)) >= FULL_SCALE or max(abs(roll), abs(pitch), abs(yaw)) > MOST_ANGLE:
         return None
     return ImuReading(
         from_roll_pitch_yaw(ANGLE_UNIT * roll, ANGLE_UNIT * pitch, ANGLE_UNIT * yaw),
@@ -92,7 +92,7 @@ class OpenCrImu:
     """
 
     def __init__(self, line: BusLine, spec: ImuSpec) -> None:
-        self._line, self._tracker = line, ImuTracker(spec)
+        self._line, self.tracker = line, ImuTracker(spec)
         self._ask = Ask(ReadKind.SINGLE2, (spec.id,), IMU_FIRST, _MEASURED.size)
         self._request, self._enough = self._ask.request(), self._ask.bytes_of(1)
         self._sent: float | None = None  # [s] when it was asked, until its answer is taken
@@ -122,7 +122,7 @@ class OpenCrImu:
                 data = self._ask.answers(received).data
         if data:
             self._missed = 0
-            self._tracker.take(imu_reading(data), sent)
+            self.tracker.take(imu_reading(data), sent)
         else:
             self._missed += 1
             self._due = port.now() + PROBE_PERIOD
@@ -131,12 +131,3 @@ class OpenCrImu:
     @cached_property
     def _timeouts(self) -> Timeouts:
         return self._ask.timeouts(self._line.port, self._line.longest_delay)
-
-    def sample(self, now: float) -> ImuSample:
-        """The newest measurement, as of `now`, s."""
-        return self._tracker.sample(now)
-
-    @property
-    def fault(self) -> ImuFault | None:
-        """Why the sample that was given last is not valid."""
-        return self._tracker.fault

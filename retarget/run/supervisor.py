@@ -78,7 +78,9 @@ class Event(Enum):
     RESUME = "the performer can be followed"
     ARRIVED = "the controller has arrived"
     STANDS_ON_SOLES = "the robot stands, and may go to rest by way of its stance"
-    STANDS_ON_ITS_WAY = "the robot stands on its straight approach, or has tried to return to stance: it may go to rest"
+    STANDS_READY_FOR_REST = (
+        "the robot stands on its straight approach, or has tried to return to stance: it may go to rest"
+    )
     ENDS_STANDING = "the robot stands in its stance, or on its way there, and is to stay so"
     STANDS = "the robot stands, and is not to go to rest"
     STANDS_WITH_FAULT = "the robot stands, with a fault"
@@ -137,7 +139,7 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
     (_S.STOPPING, _E.FALLS): _FALL,
     (_S.STOPPING, _E.TIMEOUT): _TORQUE_OFF,
     (_S.STOPPING, _E.STANDS_ON_SOLES): Transition(_S.RETURN_TO_STANCE),
-    (_S.STOPPING, _E.STANDS_ON_ITS_WAY): Transition(_S.GO_TO_REST),
+    (_S.STOPPING, _E.STANDS_READY_FOR_REST): Transition(_S.GO_TO_REST),
     (_S.STOPPING, _E.ENDS_STANDING): Transition(_S.STANDING),
     (_S.STOPPING, _E.STANDS): Transition(_S.OFF),
     (_S.STOPPING, _E.STANDS_WITH_FAULT): Transition(_S.FAULT),
@@ -337,7 +339,7 @@ class Supervisor:
             return Event.STANDS
         if not situation.straight and RunState.RETURN_TO_STANCE not in self._entered:
             return Event.STANDS_ON_SOLES
-        return Event.STANDS_ON_ITS_WAY if situation.end is End.AT_REST else Event.ENDS_STANDING
+        return Event.STANDS_READY_FOR_REST if situation.end is End.AT_REST else Event.ENDS_STANDING
 
     def _latch(self, event: Event, now: float, operator: OperatorInput, situation: Situation, guard: Guard) -> None:
         """Latch why, where a transition stops the robot."""

@@ -193,7 +193,7 @@ def test_a_servo_that_gives_way_in_a_fall_is_not_judged_for_it() -> None:
         rig = Rig(MockFault(FaultKind.STUCK, first=5, cycles=1000), limits=GuardLimits(following_error=0.2))
         rig.arm()
         if yields:
-            rig.guard.give_way()
+            rig.guard.reduce_drive()
         rig.run(100)
         stop = rig.guard.stop
         assert (stop is None) if yields else (stop is not None and stop.cause is StopCause.FOLLOWING_ERROR)

@@ -175,7 +175,7 @@ def test_a_serial_sensor_is_read_without_waiting_and_has_a_rate() -> None:
         imu.post()
         imu.collect()
         assert clock.now() == before
-    sample = imu.sample(clock.now())
+    sample = imu.tracker.sample(clock.now())
     assert sample.valid and sample.age <= PERIOD + 1e-9
     assert sample.tilt == pytest.approx((0.0, 0.3), abs=2e-4)
     assert sample.orientation is not None
@@ -195,8 +195,8 @@ def test_a_serial_sensor_that_is_broken_is_found(ailment: Ailment, faults: set[I
         sensor.ailment = ailment if k > 50 else None
         clock.advance(0.008)
         imu.collect()
-        assert imu.sample(clock.now()).valid == (imu.fault is None)
-        found |= {imu.fault} if k > 3 else set()
+        assert imu.tracker.sample(clock.now()).valid == (imu.tracker.fault is None)
+        found |= {imu.tracker.fault} if k > 3 else set()
     assert found == {None} | faults
 
 
@@ -204,7 +204,7 @@ def test_a_silent_serial_sensor_is_said() -> None:
     imu, port, clock = serial(ImuStandIn(BNO, errors=ImuErrors(dropouts=1.0)))
     clock.advance(0.5)
     imu.collect()
-    assert not imu.sample(clock.now()).valid and imu.fault is ImuFault.SILENT and port.read() == b""
+    assert not imu.tracker.sample(clock.now()).valid and imu.tracker.fault is ImuFault.SILENT and port.read() == b""
 
 
 @given(st.integers(0, 1000))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from bus_rig import four_servos, waist_servos
 from hardware.errors import HardwareError
-from hardware.joint_map import NO_SERVO, SLACK, CoupledPair, JointMap, coupling_problems, resolve_turns
+from hardware.joint_map import LIMIT_SLACK, NO_SERVO, CoupledPair, JointMap, coupling_problems, resolve_turns
 from hardware.servo import ServoCoupling, ServoMode, ServoSpec, find_model
 from messages import refuses, shows
 
@@ -203,7 +203,7 @@ def test_found_or_refused_as_a_search_by_hand_says(angle: float, direction: int,
     true = joint_map.to_ticks(np.array([angle]))
     turn = 2.0 * math.pi / gear
     held = float(joint_map.to_radians(true)[0])
-    possible = [k for k in range(-40, 41) if -4.7 - SLACK <= held + k * turn <= 4.7 + SLACK]
+    possible = [k for k in range(-40, 41) if -4.7 - LIMIT_SLACK <= held + k * turn <= 4.7 + LIMIT_SLACK]
     if len(possible) == 1:
         np.testing.assert_array_equal(resolve_turns(joint_map, true % 4096) + true % 4096, true)
     else:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from guard_rig import Rig
 from hardware.clock import VirtualClock
 from hardware.errors import BusError
-from hardware.guard import YIELDING, Guard, Torque
+from hardware.guard import FALL_DRIVE, Guard, Torque
 from hardware.guard_state import StopCategory, StopCause
 from messages import shows
 from planted import failing
@@ -120,12 +120,12 @@ def test_a_robot_that_falls_gives_way_and_lets_go_once_it_lies(state: RunState) 
     supervisor, rig = running(state=state)
     rig.guard.latch(StopCause.TEMPERATURE, "hot")
     assert step(supervisor, 1.0, FALLS, rig.guard, STOP) is RunState.FALLING
-    assert rig.bus.drives == [YIELDING] and rig.bus.torque_on
+    assert rig.bus.drives == [FALL_DRIVE] and rig.bus.torque_on
     assert rig.guard.stop is not None and rig.guard.stop.reason == "hot, then: the robot falls"
     for now in (1.1, 1.0 + LONGEST_FALL_S):
         assert step(supervisor, now, FALLS, rig.guard, STOP) is RunState.FALLING
     assert step(supervisor, 1.1 + LONGEST_FALL_S, FALLS, rig.guard, STOP) is RunState.FAULT
-    assert rig.bus.drives == [YIELDING]
+    assert rig.bus.drives == [FALL_DRIVE]
     assert rig.bus.calls[-1] == "torque off"
 
 
