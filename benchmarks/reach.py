@@ -70,7 +70,7 @@ class Bench:
         self.strategies: Strategies = self.follower.strategies
         self.stands = performer(size)
         self._dt = 1.0 / self.robot.profile.safety.rate_hz
-        asked = self.strategies.places(self.follower.landmark_map.ask(self.stands, 0.0))
+        asked = self.strategies.places(self.follower.landmark_map.desired(self.stands, 0.0))
         self._rows = {name: self.follower.landmark_map.names.index(name) for name in HANDS}
         self._asked = {name: np.array(asked.landmarks[row]) for name, row in self._rows.items()}
         arms = {name: self.robot.profile.landmarks[name].robot_length for name in HANDS}

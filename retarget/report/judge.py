@@ -1,7 +1,7 @@
-"""A neutral referee of robot motion, whatever program it is from: one table of lines, and whether each is kept.
+"""A neutral judge of a robot's motion from any program: one table of lines, each kept or not.
 
-The figures are those of the report of our own runs, by the same functions; beside a performer it is that report. What
-has no unit of its own is judged in the size of the robot.
+Figures are those of the report of our own runs, by the same functions. Figures without a unit of their own are judged
+in the size of the robot.
 """
 
 from dataclasses import dataclass, replace
@@ -50,30 +50,30 @@ from retarget.schema.catalogue import HUMAN
 from retarget.types import MM, FloatArray, HumanPosture
 
 SWEPT_HZ = 240.0
-"""Between rows, postures are looked at so often a second: a hand at 2 m/s then moves by 8 mm."""
-ROUND_OFF = 1e-6
-"""Joint positions of a file in single precision, or of nine decimals, miss a limit by less than this, rad."""
+"""Rate, Hz, of the postures that are checked for clearance: a hand at 2 m/s then moves by 8 mm."""
+FILE_ROUND_OFF = 1e-6
+"""Round-off, rad, of joint positions in a file in single precision, or with nine decimals."""
 SLIDE = 0.03
-"""Of the height of the root: a sole that goes farther on the floor slides; 2 cm of a robot of 1.3 m."""
+"""Slide of a sole that is allowed, as a share of the root's height: 2 cm for a robot of 1.3 m."""
 IN_AIR, OUTSIDE = 0.1, 0.05
-"""Share of the time in which no sole touches the floor, and in which the robot would tip, that is let pass: a hop, and
-the ends of a window in which accelerations are measured."""
+"""Share of the time without a sole on the floor, and with the robot beyond balance, that are allowed: a hop, and the
+ends of the window in which accelerations are measured."""
 SHAKES, FROZEN, ASLEEP = 0.1, 0.2, 0.9
-"""Share of the power of joint speeds above the band of people, and of the time in which a performer moves and the robot
-does not, from which on it is seen. Without a performer, share of the time in which nothing moves."""
+"""Limits of the share of power of joint speeds above human motion, and of the time in which the robot is frozen while
+its performer moves. ASLEEP is that of the time in which nothing moves, without a performer."""
 NEARLY_FLAT = np.deg2rad(10.0)
-"""A sole that is tilted by less than this, rad, settles on the floor: two servos of a leg give as much."""
+"""Tilt, rad, below which a sole settles on the floor: two servos of a leg yield as much."""
 SPIKES, RESAMPLED = 0.005, 1.05
-"""Share of ticks with a joint acceleration beyond its limit that is let pass, and by how much beyond it begins: what
-straight lines between the ticks of a motion that keeps its limits make of them at another rate."""
+"""Share of ticks with a joint acceleration beyond its limit that is allowed, and the factor of that limit. Resampling
+by straight lines causes as much."""
 ASLEEP_RAD_S = 0.01
-"""No joint is faster than this, rad/s, in a robot that does not move: a degree in two seconds."""
+"""Joint speed, rad/s, below which a robot does not move: a degree in two seconds."""
 
 
 @dataclass(frozen=True)
 class Nearness:
     """clearance_mm: least distance, negative inside, of postures at rows and between them; null: nothing to compare.
-    deep_share: of the time, with more than 1 mm inside. pair: what came closest."""
+    deep_share: of the time more than 1 mm inside. pair: the closest."""
 
     clearance_mm: float | None
     deep_share: float
@@ -82,10 +82,9 @@ class Nearness:
 
 @dataclass(frozen=True)
 class Feet:
-    """slide_mm: farthest that a sole got while it touched the floor; air_share: of the time in which none touches it;
-    air_mm: highest of the lowest corner; sink_mm: of the deepest corner below the floor. com_outside_share,
-    zmp_outside_share: of the ticks in which soles touch, those with the centre of mass, or the zero-moment point,
-    beyond the edge of their hull."""
+    """slide_mm: largest slide of a sole on the floor; air_share: of the time in which none touches it; air_mm: greatest
+    height of the lowest corner; sink_mm: depth of the deepest corner. com_outside_share, zmp_outside_share: of the
+    ticks with touching soles, those with the centre of mass, or the zero-moment point, outside their hull."""
 
     slide_mm: float
     air_share: float
@@ -97,10 +96,13 @@ class Feet:
 
 @dataclass(frozen=True)
 class Judgement:
-    """A motion, its figures, and what is held against it. limits: of position, velocity and acceleration. clearance:
-    to `self`, `scene` and `ground`. jerk_p95: rad/s^3. shake_share: of the power of joint speeds above 6 Hz.
-    frozen_share: of the time in which the performer moves, or of all time without one. report: beside a performer; its
-    ticks are those that both have. A share is from 0 to 1; null: not known, or none of this robot."""
+    """A motion, its figures, and the lines of the table.
+
+    limits: of position, velocity and acceleration. clearance: to `self`, `scene` and `ground`. jerk_p95: rad/s^3.
+    shake_share: of the power of joint speeds above 6 Hz. frozen_share: of the time in which the performer moves, or of
+    all time without one. report: of the ticks that the performer has too. Shares are from 0 to 1; null: not known, or
+    not of this robot.
+    """
 
     file: str
     layout: str
@@ -130,8 +132,8 @@ class Judgement:
 def judge(
     motion: Motion, robot: RobotBody, *, layout: str, source: SensorFrames | None = None, scene: str | None = None
 ) -> Judgement:
-    """Judge a motion of a robot. source: the performer that it is to look like, from the same moment on; scene: by name
-    or file, in the world of the motion.
+    """Judge a motion of a robot. source: its performer, from the same moment on; scene: by name or file, in the world
+    of the motion.
 
     Raises InputError where rows are not evenly spaced; ConfigError and UsageError for a scene, and for a performer that
     cannot be followed.
@@ -142,13 +144,13 @@ def judge(
     world = scene_of(robot, RunOptions(robot=robot.profile.name, scene=scene))
     height = float(plant(robot, robot.profile.postures.stand).q[2]) if robot.stands else 0.0
     run = None if source is None else beside(motion, robot, source)
-    report, performance = (None, None) if run is None else (measure(run), tracking.performance_of(run))
+    report, reference = (None, None) if run is None else (measure(run), tracking.reference_of(run))
     still: float | None
-    if run is None or performance is None:
+    if run is None or reference is None:
         still = float((np.abs(np.diff(positions, axis=0)).max(axis=1) < ASLEEP_RAD_S * dt).mean())
     else:
         assert run.robot is not None and run.record.robot is not None, "a robot moves"
-        still = frozen_share(run.robot, run.record.robot.q, performance)
+        still = frozen_share(run.robot, run.record.robot.q, reference)
     found = Judgement(
         file=motion.source,
         layout=layout,
@@ -158,7 +160,7 @@ def judge(
         rate_hz=motion.rate_hz,
         from_s=float(motion.time[0]),
         duration_s=float(motion.time[-1] - motion.time[0]),
-        limits=beyond_limits(names, positions, limits, dt, tolerance=ROUND_OFF),
+        limits=beyond_limits(names, positions, limits, dt, tolerance=FILE_ROUND_OFF),
         clearance=_nearness(motion, robot, world),
         feet=_feet(standing_of(robot, q), dt) if robot.stands else None,
         jerk_p95=jerk_p95(positions, dt),
@@ -183,7 +185,7 @@ def _postures(motion: Motion, robot: RobotBody) -> FloatArray:
 
 
 def _nearness(motion: Motion, robot: RobotBody, scene: SceneState | None) -> dict[str, Nearness]:
-    """Swept: at rows and between them."""
+    """Clearances at rows and between them."""
     between = max(min(ceil(SWEPT_HZ / motion.rate_hz), int(MAX_FPS / motion.rate_hz)), 1)
     swept = resampled(motion, between * motion.rate_hz) if between > 1 else motion
     parts = robot_clearances(robot, _postures(swept, robot), scene, swept.time - swept.time[0])
@@ -195,7 +197,7 @@ def _nearness(motion: Motion, robot: RobotBody, scene: SceneState | None) -> dic
 
 
 def _feet(stand: Standing, dt: float) -> Feet:
-    """Balance is that of soles that bear as a whole where they touch and are nearly flat, as servos let them settle."""
+    """Balance counts soles as flat on the floor where they touch it and are nearly flat, as servos let them settle."""
     lowest = np.stack([corners[..., 2].min(axis=1) for corners in stand.soles], axis=1)  # (T, k) [m]
     bears = (lowest <= CONTACT_M) & (stand.tilt < NEARLY_FLAT)
     corners = stand.corners.copy()
@@ -215,16 +217,14 @@ def _feet(stand: Standing, dt: float) -> Feet:
     )
 
 
-# A motion beside its performer: a run in which the robot was moved by somebody else.
-
 GOES_M, TURNS_DEG = 0.2, 30.0
-"""A robot whose soles get so far, in heights of its root, or turn so much, goes and turns as its performer does; else
-it is planted, and sees them in their own heading."""
+"""A robot travels and turns with its performer if its soles get farther than GOES_M, in heights of its root, or turn
+more than TURNS_DEG; otherwise it is planted."""
 
 
 def beside(motion: Motion, robot: RobotBody, source: SensorFrames) -> RunResult:
-    """A motion as a run that followed a performer, over the ticks that both have. Place and heading on the floor, of
-    which no two programs think alike, are those in which the robot is nearest to the desired landmarks."""
+    """A motion as a run that followed a performer, over the ticks that both have. Place and heading on the floor differ
+    between programs, so they are those in which the robot is nearest to the desired landmarks."""
     q, dt, rate = _postures(motion, robot), 1.0 / motion.rate_hz, motion.rate_hz
     goes = _goes(robot, q)
     options = RunOptions(robot=robot.profile.name, legs="free" if goes else None)
@@ -246,7 +246,7 @@ def beside(motion: Motion, robot: RobotBody, source: SensorFrames) -> RunResult:
             record.human_q[row], names, joints, turns[row], np.zeros(3), np.zeros(0), 0.0, (1.0, 0.0),
             carrying=feet.step(joints[ankles].tolist(), dt),
         )  # fmt: skip
-        desired[row] = landmarks.ask(seen, dt).landmarks
+        desired[row] = landmarks.desired(seen, dt).landmarks
     if robot.body.root == "free":
         q = _placed(robot, q, desired, landmarks.names, goes)
     goals = q[:, robot.servo_columns]
@@ -264,12 +264,12 @@ def beside(motion: Motion, robot: RobotBody, source: SensorFrames) -> RunResult:
 
 
 UNLIKE_S = 0.5
-"""A motion that is longer or shorter than its performer's by less than this, s, is as long."""
+"""Difference, s, of two durations that is not reported."""
 
 
 def _human_run(source: SensorFrames, robot: RobotBody, rate: float, lasts: float) -> RunResult:
-    """The performer, reconstructed as in a run of the robot. A pose of calibration before the motion counts where the
-    robot's motion, which `lasts` so many s, is nearer to the whole in its length."""
+    """The performer, reconstructed as in a run of the robot. A calibration pose before the motion counts as part of it
+    if the robot's motion, of `lasts` s, is nearer to the whole in duration."""
     options = RunOptions(robot=HUMAN, priorities=robot.profile.reconstruct)
 
     def clip(keep: bool) -> RunResult:
@@ -290,7 +290,7 @@ def _no_bus(robot: RobotBody, clock: Clock) -> ServoBus:
 
 
 def _goes(robot: RobotBody, q: FloatArray) -> bool:
-    """Whether the soles of a robot go or turn."""
+    """True if the soles of a robot travel or turn."""
     if not robot.stands or PELVIS not in robot.profile.landmarks:
         return False
     place = standing_of(robot, q).place.mean(axis=1)[:, :2]
@@ -306,8 +306,8 @@ def _sole_headings(robot: RobotBody, q: FloatArray) -> FloatArray:
 
 
 def _placed(robot: RobotBody, q: FloatArray, desired: FloatArray, names: tuple[str, ...], goes: bool) -> FloatArray:
-    """The postures (T, nq), the whole motion turned and moved on the floor: planted soles to where a robot stands, else
-    its landmarks as near as can be to the desired ones (T, k, 3) m."""
+    """Postures (T, nq) with the whole motion turned and moved on the floor: planted soles to where a robot stands, else
+    landmarks as near as possible to the desired ones (T, k, 3) m."""
     reached = robot.points(q, robot.landmark_frames(names))
     if goes:
         a, b = (points[..., :2] - points[..., :2].mean(axis=(0, 1)) for points in (reached, desired))
@@ -329,11 +329,8 @@ def _placed(robot: RobotBody, q: FloatArray, desired: FloatArray, names: tuple[s
     return found
 
 
-# The lines of the table.
-
-
 class JudgedFigures:
-    """Figures of a judgement by the names of `findings.yaml`: its own, and what is made of them. most: bounds."""
+    """Figures of a judgement by the names of `findings.yaml`. most: bounds."""
 
     def __init__(self, found: Judgement, slide_mm: float) -> None:
         self.found = found
@@ -345,13 +342,13 @@ class JudgedFigures:
 
     @property
     def gaps(self) -> dict[str, str]:
-        """The least distances, and between what they were."""
+        """The least distances and their pairs, in words."""
         known = {part: near for part, near in self.found.clearance.items() if near.clearance_mm is not None}
         return {part: gap_words(near.clearance_mm or 0.0, near.pair, inside="inside") for part, near in known.items()}
 
     @property
     def frozen_beside(self) -> float | None:
-        """Share of the time in which a performer moves."""
+        """Frozen share of the time in which a performer moves."""
         return None if self.found.report is None else self.found.frozen_share
 
     @property
@@ -370,7 +367,7 @@ FROM_REPORT = (
     "foot path",
     "over the ground",
 )
-"""Lines of the report of a run that are those of a motion beside its performer."""
+"""Lines of the report of a run that apply to a motion beside its performer."""
 
 
 def _lines(found: Judgement, run: RunResult | None, slide_mm: float) -> tuple[Finding, ...]:
@@ -381,7 +378,7 @@ def _lines(found: Judgement, run: RunResult | None, slide_mm: float) -> tuple[Fi
 
 
 def _verdict(found: Judgement) -> str:
-    """One sentence."""
+    """The judgement in one sentence."""
     judged = sum(line.kept is not None for line in found.lines)
     if not found.lost:
         return f"The motion keeps all {judged} lines that are judged."

@@ -1,19 +1,14 @@
-"""Balance of a robot on its soles: where its centre of mass may go, and what its joints may carry.
+"""Balance of a robot on its soles: bounds for its centre of mass, and for the torques of its legs.
 
-At rest a robot stands while its centre of mass c is over the support polygon. In motion, with the mass in one point at
-height z, it stands while its zero-moment point p is in there (M. Vukobratovic and B. Borovac, Int. J. Humanoid Robotics
-1(1), 2004), and it stays able to stop while its capture point xi is (J. Pratt et al., Humanoids 2006):
+At rest a robot stands while its centre of mass c is over the support polygon. In motion, as a point mass at height z,
+it stands while its zero-moment point p is inside (M. Vukobratovic and B. Borovac, Int. J. Humanoid Robotics 1(1),
+2004), and it can stop while its capture point xi is (J. Pratt et al., Humanoids 2006):
 
     p  = c - z / (g + z'') c''                      n . p <= d for every edge (n, d) of the polygon
     xi = c + c' / omega,  omega^2 = g / z           n . xi <= d;   xi' = omega (xi - p)
 
-Both are half-spaces for the centre of mass after the tick, which the hierarchy keeps like any others: where more is
-asked, the robot lags. The zero-moment point has the larger room: from rest at an edge a mass is moved in by pressing
-beyond it, and would stay there for ever if it could not.
-
-A capture point that is outside (a robot may begin there, and a stop may leave it there) only comes back in with the
-zero-moment point farther out. So from there the zero-moment point may go as far again beyond the edge, and does: with
-p = xi + (xi - d) n the distance outside falls as exp(-omega t).
+Both are half-spaces for the centre of mass after the tick. The polygon of p is larger, or a mass at rest at an edge
+could not be moved inward. A capture point outside returns by p = xi + (xi - d) n: its distance falls as exp(-omega t).
 """
 
 from dataclasses import dataclass
@@ -35,17 +30,14 @@ from retarget.schema.priorities import CentreOfMassTask, Priorities, StrengthTas
 from retarget.types import FloatArray
 
 HEAVE = 1.5
-"""Greatest vertical acceleration of the centre of mass (m/s^2): soles then carry the weight within a sixth of it. A
-lighter sole slides, and a heavier one tilts."""
-HEAVE_ROWS = 2
-"""The last half-spaces of `moving_spaces`, which bound it."""
+"""Greatest vertical acceleration of the centre of mass, m/s^2: keeps the load on the soles within a sixth of the
+weight. A lighter sole slides, and a heavier one tilts."""
 LARGER = 1.2
-"""Size of the room of the zero-moment point, in that of the capture point. The larger, the sooner a mass at rest gets
-away from an edge, and the more its soles slip: with 1.2 it takes half a second, with 2.8 Wolfgang slipped three times
-as far."""
+"""Size of the zero-moment point's polygon relative to the capture point's. With a larger one a mass leaves an edge
+sooner, and soles slip more."""
 SPARE = 0.5
-"""Room that the zero-moment point has about where it pushes the capture point back in, in shares of how far that is
-out. Without it ToddlerBot's soles slipped half as far again."""
+"""Tolerance of a returning capture point's zero-moment point, as a share of the distance outside. Less makes soles slip
+more."""
 
 Edges = list[list[float]]
 Row = tuple[float, float, float, float]
@@ -53,8 +45,8 @@ Row = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Room:
-    """Where a mass in motion is to be: edges for its capture point and for its zero-moment point. outer: those that the
-    zero-moment point keeps to while it brings back a capture point that is outside."""
+    """Edges for the capture point and the zero-moment point of a mass in motion; outer: edges for the zero-moment point
+    while the capture point is outside."""
 
     capture_point: Edges
     zero_moment_point: Edges
@@ -62,10 +54,8 @@ class Room:
 
 
 class StandingBalance:
-    """The half-spaces of the `support` tasks of priorities, for a robot in a stance.
-
-    edges (e, 3): of the support polygon, drawn in by the margin of the tasks.
-    """
+    """The half-spaces of the `support` tasks for a robot in a stance. edges (e, 3): of the support polygon, drawn in by
+    the tasks' margin."""
 
     def __init__(self, priorities: Priorities, stance: Stance) -> None:
         self.edges = stance.edges(max((task.margin for task in support_tasks(priorities)), default=0.0))
@@ -74,14 +64,12 @@ class StandingBalance:
         self._room = None if share is None else room_of(self.edges, share, stance)
 
     def spaces(self, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
-        """Half-spaces (k, 4) for the centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
-        m/s."""
+        """Half-spaces (k, 4) for the centre of mass after the next `dt` s, now at com (3,) m with velocity (3,) m/s."""
         if self._room is None:
-            # Edges are drawn in to what the centre of mass may do in one tick and still stop inside of them.
+            # The centre of mass keeps the distance in which MASS_BRAKING stops it before an edge.
             x, y, _ = com.tolist()
             change, drawn = MASS_BRAKING * dt * dt, []
             for nx, ny, offset in self._drawn_in:
-                # How far the mass may still go towards this edge, and be braked at MASS_BRAKING before it.
                 across = nx * x + ny * y
                 drawn.append((nx, ny, 0.0, across + braking_displacement(offset - across, change)))
             return np.array(drawn)
@@ -89,54 +77,37 @@ class StandingBalance:
 
 
 def support_tasks(priorities: Priorities) -> list[CentreOfMassTask]:
-    """The tasks that keep a centre of mass over soles."""
+    """The tasks that keep the centre of mass over the soles."""
     return [task for _, _, task in priorities.tasks() if isinstance(task, CentreOfMassTask)]
 
 
 def moving_share(priorities: Priorities) -> float | None:
-    """The share of the support in which priorities keep a mass in motion; None: they balance it as if at rest."""
+    """Share of the support polygon for a mass in motion; None: priorities balance it as if at rest."""
     return min((task.moving for task in support_tasks(priorities) if task.moving is not None), default=None)
 
 
-def inside(edges: Edges, point: FloatArray) -> float:
-    """How far (m) a point (3,) m is inside edges; negative: outside."""
-    x, y, _ = point.tolist()
-    return float(min(offset - nx * x - ny * y for nx, ny, offset in edges))
-
-
 def room_of(edges: FloatArray, share: float, stance: Stance) -> Room:
-    """The room of a mass in a support polygon (e, 3), its capture point in a share of it about the middle."""
-    captured, pressed = (shrunk(edges, size, stance).tolist() for size in sizes(share))
+    """The room of a mass in a support polygon (e, 3), for a share of it about the middle of the soles."""
+    middle = np.concatenate([sole.outline for sole in stance.soles]).mean(axis=0)
+    at = matmul(edges[:, :2], middle)
+    largest = min(LARGER * share, 1.0)
+    captured, pressed = (
+        np.column_stack([edges[:, :2], at + size * (edges[:, 2] - at)]).tolist() for size in (largest / LARGER, largest)
+    )
     return Room(captured, pressed, edges.tolist())
 
 
-def sizes(share: float) -> tuple[float, float]:
-    """Sizes of a room for the capture point, a share of what carries, and for the zero-moment point, no larger than
-    that."""
-    largest = min(LARGER * share, 1.0)
-    return largest / LARGER, largest
-
-
-def shrunk(edges: FloatArray, share: float, stance: Stance) -> FloatArray:
-    """Edges (e, 3) of the polygon at a share of its size about the middle of the soles."""
-    middle = np.concatenate([sole.outline for sole in stance.soles]).mean(axis=0)
-    at = matmul(edges[:, :2], middle)
-    return np.column_stack([edges[:, :2], at + share * (edges[:, 2] - at)])
-
-
 def moving_spaces(room: Room, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
-    """Half-spaces (k, 4), n . c <= d in m, that keep capture point and zero-moment point in their room, and the load on
-    the soles steady."""
+    """Half-spaces (k, 4), n . c <= d in m, that keep capture point and zero-moment point in their room."""
     x, y, z = com.tolist()
     vx, vy, vz = velocity.tolist()
-    # Linear inverted pendulum, omega = sqrt(g / z): the capture point is c + c' / omega, the zero-moment point c - c''
-    # / omega^2. Both are linear in the centre of mass after this tick, so each edge gives a half-space of it.
+    # Capture point and zero-moment point are linear in the centre of mass after this tick.
     settle = sqrt(z / GRAVITY) / dt  # 1 / (omega dt)
     capture = (x + settle * dt * vx, y + settle * dt * vy)
     push = _pushed_back(room, capture)
 
     def captured(nx: float, ny: float, offset: float) -> Row:
-        # n . (c + (c - c_now) / (omega dt)) <= d; one that is outside comes in as the push makes it
+        # n . (c + (c - c_now) / (omega dt)) <= d; a point outside returns at the speed that the push allows
         at, speed = nx * x + ny * y, nx * vx + ny * vy
         inside = (offset + settle * at) / (1.0 + settle)
         if push is not None and nx * capture[0] + ny * capture[1] > offset:
@@ -158,18 +129,13 @@ def moving_spaces(room: Room, com: FloatArray, velocity: FloatArray, dt: float) 
 
 
 def _pushed_back(room: Room, capture: tuple[float, float]) -> tuple[float, float, float] | None:
-    """Zero-moment point (x, y) m that brings back a capture point beyond an edge, and its tolerance, m; None: the
-    capture point is inside.
-
-    As far beyond as the capture point again, but inside of the outer edges: so that distance falls as exp(-t / sqrt(z /
-    g)).
-    """
+    """Zero-moment point (x, y) m that brings a capture point back inside, and its tolerance, m; None: it is inside."""
     x, y = capture
     beyond, nx, ny = max((ex * x + ey * y - offset, ex, ey) for ex, ey, offset in room.capture_point)
     if beyond <= 0.0:
         return None
     reach = beyond
-    # The farthest that the point may be pushed along the normal and stay inside of every outer edge.
+    # The zero-moment point stays inside every outer edge.
     for ex, ey, offset in room.outer:
         along = ex * nx + ey * ny
         if along > 0.0:
@@ -177,40 +143,35 @@ def _pushed_back(room: Room, capture: tuple[float, float]) -> tuple[float, float
     return x + reach * nx, y + reach * ny, SPARE * reach
 
 
-# Standing strength: what the joints of a robot on its soles may carry. A servo's continuous torque is much less than
-# its stall torque.
-#
-# A leg's joint j at o, about the axis a, carries what the ground presses on its sole with, at p:
+# Standing strength: limits for the continuous torques of the legs. Joint j of a leg at o with axis a carries the force
+# of the ground on its sole, at p:
 #
 #     torque = A - share W u . (p - o),    W = m (g + z''),    u = (-a_y, a_x)
 #
-# with A from the leg's own weight, which changes slowly. Under a robot at rest p is where its centre of mass is,
-# between the middles of both soles, and so is the share of the weight. So a bound on a torque is a half-space for
-# centre of mass and joint together, which the hierarchy keeps like any others: where a joint carries too much, the
-# robot leans or crouches less.
+# with A from the leg's own weight, which changes slowly. At rest p and the share of the weight follow from the centre
+# of mass between both soles, so a torque limit is a half-space for centre of mass and joint together.
 
 STANDING_SPARE = 1.1
-"""A joint may always carry this many times its torque in `stand`."""
+"""A joint may always carry this multiple of its torque in `stand`."""
 WATCHED = 0.5
 """Share of its greatest torque above which a joint is limited."""
 STRENGTH_BRAKING = 0.5
-"""m/s^2 with which the centre of mass or a joint is braked before the joint carries what it may."""
+"""Deceleration, m/s^2, of the centre of mass or a joint before a torque limit."""
 BACK = 0.5
-"""m/s^2 from rest with which an overloaded joint is brought back to its greatest torque. A faster return, which legs
-and balance could not make at once, would be made by limbs that are to be kept apart."""
+"""Acceleration, m/s^2, that brings an overloaded joint back to its limit. Legs and balance could not follow a larger
+one, so arms would be moved towards the body instead."""
 
 _FREE = np.zeros((0, 7))
-"""Half spaces (0, 7) of a strength that limits nothing."""
+"""Half-spaces (0, 7): no limit."""
 
 
 class StandingStrength:
-    """The torque limits of a robot's legs on two soles. share: of the stall torque, for continuous load."""
+    """The torque limits of a robot's legs on two soles, at a share of the stall torque."""
 
     def __init__(self, robot: RobotBody, stance: Stance, *, share: float) -> None:
         body = robot.body
         joints = leg_joints(robot)
         self.names = tuple(joints)
-        """Names of the limited joints."""
         self._foot = np.array([foot for foot, _ in joints.values()], dtype=np.intp)
         frames = [frame for _, frame in joints.values()]
         rows = [body.joint_index(name) for name in joints]
@@ -219,18 +180,17 @@ class StandingStrength:
         self._probe = Probe(body.solver_body(), links, np.array([frame.position for frame in frames]), links)
         self._load = GravityTorque(robot, stance)
         self.dofs = body.joint_dof[rows]
-        """DoFs (k,) of the limited joints."""
         self._middles = np.array([sole.outline.mean(axis=0) for sole in stance.soles])  # (2, 2) [m]
         self._weight = GRAVITY * body.total_mass  # [N]
         servos = {servo.joint: servo for servo in robot.joint_map.servos}
         self.stall = np.array([servos[name].model.stall_torque * abs(servos[name].gear) for name in joints])
-        """Stall torque of each joint's servo (k,), N m."""
+        """Stall torques (k,), N m."""
         at_rest = np.abs(self._load.torques(stance.q, np.zeros(3))[self.dofs])
         self.most = np.maximum(share * self.stall, STANDING_SPARE * at_rest)
-        """Greatest continuous torque of each joint (k,), N m."""
+        """Greatest continuous torques (k,), N m."""
 
     def torques(self, q: FloatArray) -> FloatArray:
-        """Torques of the joints (k,) at rest in posture q (nq,), N m."""
+        """Torques (k,) of the joints at rest in posture q (nq,), N m."""
         return np.asarray(self._load.torques(q, np.zeros(3))[self.dofs])
 
     def aim(
@@ -243,19 +203,19 @@ class StandingStrength:
         *,
         keeps: bool = True,
     ) -> None:
-        """Write the half-spaces of the next `dt` s into the target vector, for a robot in posture q (nq,), with its
-        centre of mass com (3,), m. keeps: False removes all limits, as on one leg, which has to carry more."""
+        """Write the half-spaces of the next `dt` s for posture q (nq,) with centre of mass com (3,) m. keeps: False
+        removes all limits, for one leg."""
         spaces = self.spaces(q, com, dt) if keeps else [_FREE] * len(self.names)
         for name, edges in zip(self.names, spaces, strict=True):
             hierarchy.set_strength(targets, name, edges)
 
     def spaces(self, q: FloatArray, com: FloatArray, dt: float) -> list[FloatArray]:
-        """Half-spaces (0 or 1, 7) of each joint: n . c + m . o <= d for the centre of mass c and the joint's place o,
-        after the next `dt` s; none where it carries little."""
+        """Half-spaces (0 or 1, 7) of each joint, n . c + m . o <= d for the centre of mass c and the joint's place o
+        after the next `dt` s; none for a small torque."""
         torque = self.torques(q)
         used = np.abs(torque) / self.most
         by_com, by_joint, places = self._gradients(q, com)
-        lever = 2.0 / self._weight  # [m per N m]: half of the weight is on either leg
+        lever = 2.0 / self._weight  # [m per N m], as each leg carries half of the weight
         spaces = [_FREE] * len(self.names)
         for k in np.flatnonzero(used > WATCHED).tolist():
             sign = 1.0 if torque[k] > 0.0 else -1.0
@@ -266,8 +226,7 @@ class StandingStrength:
         return spaces
 
     def _gradients(self, q: FloatArray, com: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Gradients of the torques by the centre of mass (k, 2) and by the joint's place (k, 2), N; and these places
-        (k, 3) m."""
+        """Gradients (k, 2) N of the torques by centre of mass and by the joints' places, and these places (k, 3) m."""
         places, turns, _ = self._probe.read(q)
         axes = rotations.rotate(turns, self._axis)
         u = np.column_stack([-axes[:, 1], axes[:, 0]])
@@ -286,7 +245,7 @@ class StandingStrength:
 
 
 def leg_joints(robot: RobotBody) -> dict[str, tuple[int, Frame]]:
-    """Joints between the root and one sole alone: name -> number of the foot, and the joint's frame on its link."""
+    """Joints between the root and a single sole: name -> number of the foot, and the joint's frame on its link."""
     body = robot.body
     chains = [body.chain_to_root(robot.frame(foot.frame).body) for foot in robot.profile.feet.values()]
     found = {}
@@ -301,32 +260,32 @@ def leg_joints(robot: RobotBody) -> dict[str, tuple[int, Frame]]:
 
 
 def carrying_frames(robot: RobotBody) -> dict[str, Frame]:
-    """Frames at the joints that carry, under the names by which tasks find them."""
+    """The frames of `leg_joints` by the names that tasks use."""
     return {CARRIES + name: frame for name, (_, frame) in leg_joints(robot).items()}
 
 
 def standing_strength(robot: RobotBody, priorities: Priorities, stance: Stance) -> StandingStrength | None:
-    """The torque limits of the `strength` tasks of priorities, for a robot in its stance on two soles; None without."""
+    """The torque limits of the `strength` tasks; None without them or without two soles."""
     shares = [task.share for _, _, task in priorities.tasks() if isinstance(task, StrengthTask)]
     if not shares or len(stance.soles) != 2:
         return None
     return StandingStrength(robot, stance, share=min(shares))
 
 
-# Posture loads: the torques of a robot's legs at rest in `stand`, in `rest` and on one leg, beside their stall torques.
+# Loads of a robot's legs at rest, relative to their stall torques.
 
 ENOUGH = 0.65
-"""Share of its stall torque that a servo may need for a posture out of which it has to move the robot again."""
+"""Share of its stall torque that a servo may need at rest, as it must also move the robot from there."""
 FROM_STAND = 1e-4
-"""Weight of a radian away from `stand`, relative to a metre off the floor or off the sole that carries."""
+"""Weight of a radian away from `stand`, relative to a metre of a misplaced sole or mass."""
 FREE_ROOT = 3
-"""Coordinates of the root that the fit may move: its position. It does not turn."""
+"""Coordinates of the root that the fit may change: its position."""
 
 
 @dataclass(frozen=True)
 class PostureLoad:
-    """What the joint that is nearest to its strength carries in a posture at rest, and the stall torque of its servo
-    there, N m. posture: `in stand`, `on one leg`."""
+    """Torque of the most loaded joint in a posture at rest, and its servo's stall torque, N m. posture: `in stand`, `on
+    one leg`."""
 
     posture: str
     joint: str
@@ -343,7 +302,7 @@ class PostureLoad:
 
 
 def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
-    """The heaviest load of the legs in `stand`, in `rest` and on one leg; none for a robot without two soles."""
+    """The heaviest loads of the legs in `stand`, in `rest` and on one leg; empty without two soles."""
     stance = plant(robot, robot.profile.postures.stand)
     if len(stance.soles) != 2:
         return []
@@ -354,34 +313,27 @@ def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
 
 
 def on_one_leg(robot: RobotBody) -> tuple[PostureLoad, float]:
-    """The heavier load of both legs of a robot with two soles, each with the centre of mass over the middle of its
-    sole; and how far (m) the mass stays from there while both soles are flat: much where ankles or hips do not roll."""
-    keeps, torques, missed = _one_leg_torques(robot)
-    return max((_heaviest(keeps, "on one leg", torque) for torque in torques), key=lambda load: load.share), missed
-
-
-def _one_leg_torques(robot: RobotBody) -> tuple[StandingStrength, FloatArray, float]:
-    """The joints of both legs, their torques (2, k), N m, on the left one and on the right one alone, and how far (m)
-    soles or mass are off, in postures as near to `stand` as both soles allow."""
+    """The heavier load of both legs, each with the centre of mass over its sole; and the distance, m, from there that
+    remains while both soles are flat, for lack of joints that roll."""
     stance = plant(robot, robot.profile.postures.stand)
-    keeps, torques, missed = StandingStrength(robot, stance, share=1.0), [], 0.0
+    keeps, loads, missed = StandingStrength(robot, stance, share=1.0), [], 0.0
     for sole in stance.soles:
         alone = Stance(stance.q, stance.points, (sole,))
         over, off = _over(robot, keeps.names, stance, alone)
         missed = max(missed, off)
-        torques.append(GravityTorque(robot, alone).torques(over, np.zeros(3))[keeps.dofs])
-    return keeps, np.array(torques), missed
+        torque = GravityTorque(robot, alone).torques(over, np.zeros(3))[keeps.dofs]
+        loads.append(_heaviest(keeps, "on one leg", torque))
+    return max(loads, key=lambda load: load.share), missed
 
 
 def _heaviest(keeps: StandingStrength, posture: str, torque: FloatArray) -> PostureLoad:
-    """torque (k,) N m: of the joints that are watched."""
     worst = int((np.abs(torque) / keeps.stall).argmax())
     return PostureLoad(posture, keeps.names[worst], float(abs(torque[worst])), float(keeps.stall[worst]))
 
 
 def _over(robot: RobotBody, joints: tuple[str, ...], stance: Stance, alone: Stance) -> tuple[FloatArray, float]:
-    """The posture (nq,) nearest to `stand` with both soles planted and the centre of mass over the one that is to carry
-    alone, its trunk as it is; and how far (m) corners or mass are off then."""
+    """The posture (nq,) nearest to `stand` with both soles flat and the centre of mass over the sole of `alone`; and
+    the largest error of corners and mass, m."""
     body, solver = robot.body, robot.body.solver_body()
     columns = body.joint_qpos[[body.joint_index(joint) for joint in joints]]
     dofs = [body.dof_index(joint) for joint in joints]

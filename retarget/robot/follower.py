@@ -25,13 +25,13 @@ from retarget.model.observers import Observers, robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.robot.arm_branches import DAMPING, ITERATIONS, ArmBranches
-from retarget.robot.asked_motion import AskedMotion
 from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, moving_share, standing_strength
 from retarget.robot.crouch_envelope import Envelope, robot_envelope
+from retarget.robot.desired_motion import DesiredMotion
 from retarget.robot.following_limits import following_limits, servo_limits
 from retarget.robot.landmarks import (
     PELVIS,
-    AskedLandmarks,
+    DesiredLandmarks,
     LandmarkMap,
     RobotReader,
     leg_scale,
@@ -99,7 +99,7 @@ LED_RISE, LED_JERK, LED_SETTLE = 0.2, 0.05, 0.1
 class StanceTrajectory:
     """How the joints of one robot are led to its stance."""
 
-    def __init__(self, robot: RobotBody, stance: Stance, standing: AskedLandmarks) -> None:
+    def __init__(self, robot: RobotBody, stance: Stance, standing: DesiredLandmarks) -> None:
         """standing: the landmarks of the stance."""
         self.asked = standing
         """The landmarks of the stance, where the weight of a robot that steps is to be."""
@@ -216,7 +216,7 @@ class Follower:
         self._reader = RobotReader(robot, stance)
         self.strategies = self._strategies_of(priorities, limits, envelope)
         """How hands get to places that the arms do not reach; None: by the arms alone."""
-        self._motion = AskedMotion(
+        self._motion = DesiredMotion(
             robot,
             self.hierarchy,
             limits,
@@ -340,7 +340,7 @@ class Follower:
         """The posture after the next `dt` s."""
         asked, legs = self._ask(human, dt), self.legs
         if legs is not None:
-            speed = legs.asked(human, dt)
+            speed = legs.desired(human, dt)
             speed = speed if self._speed > AT_SPEED else None
             if speed is not None and not legs.walks:
                 legs.begin(self.stop(dt), self._q, self._solver.velocity, dt)
@@ -348,17 +348,17 @@ class Follower:
                 return self._walk(legs, asked, speed, dt)
         return self._follow(asked, dt)
 
-    def _ask(self, human: "HumanPosture", dt: float) -> AskedLandmarks:
+    def _ask(self, human: "HumanPosture", dt: float) -> DesiredLandmarks:
         """What a posture asks of the robot, `dt` s after the one before."""
-        asked = self.landmark_map.ask(human, dt)
+        asked = self.landmark_map.desired(human, dt)
         return asked if self.strategies is None else self.strategies.places(asked)
 
-    def _follow(self, asked: AskedLandmarks, dt: float) -> RobotPosture:
+    def _follow(self, asked: DesiredLandmarks, dt: float) -> RobotPosture:
         """The posture after the next `dt` s, on the way to what is asked."""
         self._advance(asked, dt)
         return self._posture(asked)
 
-    def _walk(self, legs: Legs, asked: AskedLandmarks, speed: Request | None, dt: float) -> RobotPosture:
+    def _walk(self, legs: Legs, asked: DesiredLandmarks, speed: Request | None, dt: float) -> RobotPosture:
         """The posture after the next `dt` s of a robot whose legs walk: all else follows what is asked."""
         q, velocity = legs.step(speed, dt)
         if not legs.walks:
@@ -388,7 +388,7 @@ class Follower:
         landmarks = [here if name in soles else plus(there, along) for name, there, here in rows]
         return self._posture(replace(asked, landmarks=landmarks))
 
-    def _advance(self, asked: AskedLandmarks, dt: float, *, to_stance: bool = False) -> None:
+    def _advance(self, asked: DesiredLandmarks, dt: float, *, to_stance: bool = False) -> None:
         """Go on by `dt` s towards what is asked. to_stance: whether the robot returns to its stance."""
         targets, hierarchy, q = self._targets, self.hierarchy, self._q
         self.scene_obstacles.tick(hierarchy, dt)
@@ -507,7 +507,7 @@ class Follower:
         """Points (..., 3) m of the world of the stance in the world."""
         return points if self.legs is None else self.legs.points_in_world(points)
 
-    def _posture(self, asked: AskedLandmarks) -> RobotPosture:
+    def _posture(self, asked: DesiredLandmarks) -> RobotPosture:
         robot, q, reached = self._robot, self._in_world(self._q), self._reached
         free = robot.profile.root == "free"
         return RobotPosture(

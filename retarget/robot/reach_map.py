@@ -30,7 +30,7 @@ from retarget.ik.tasks import SlotKind
 from retarget.model.robot import HEAD, TRUNK, RobotBody
 from retarget.robot.balance import StandingBalance, StandingStrength
 from retarget.robot.crouch_envelope import LEAST_CROUCH_M, Envelope
-from retarget.robot.landmarks import PELVIS, AskedLandmarks, RobotReader, limb_names, standing_targets
+from retarget.robot.landmarks import PELVIS, DesiredLandmarks, RobotReader, limb_names, standing_targets
 from retarget.rotations import Vector
 from retarget.schema.arrays import open_arrays
 from retarget.schema.catalogue import cache_folder
@@ -150,7 +150,7 @@ class ReachProbe:
         priorities: Priorities,
         stance: Stance,
         hierarchy: Hierarchy,
-        standing: AskedLandmarks,
+        standing: DesiredLandmarks,
         balance: StandingBalance,
         strength: StandingStrength | None,
         envelope: Envelope,

@@ -23,7 +23,7 @@ from retarget.ik.support_polygon import Stance
 from retarget.model.robot import RobotBody
 from retarget.robot.balance import StandingBalance, StandingStrength
 from retarget.robot.crouch_envelope import Envelope
-from retarget.robot.landmarks import PELVIS, AskedLandmarks, Reached, limb_names
+from retarget.robot.landmarks import PELVIS, DesiredLandmarks, Reached, limb_names
 from retarget.robot.reach_map import HANDS, REACH, FreeTrunk, HandReach, ReachMap, ReachProbe, is_height, reach_map
 from retarget.rotations import Vector, as_vector, inverse, minus, plus, rotated
 from retarget.schema.priorities import PositionTask, Priorities
@@ -154,7 +154,7 @@ class Strategies:
         """True if the trunk is not free at all."""
         return self._share == 0.0
 
-    def places(self, asked: AskedLandmarks) -> AskedLandmarks:
+    def places(self, asked: DesiredLandmarks) -> DesiredLandmarks:
         """The same, with the hands where they are with the performer's own pelvis and trunk, also where those of the
         robot cannot follow."""
         pelvis, trunk = asked.whole
@@ -165,7 +165,7 @@ class Strategies:
             landmarks[hand.row] = place
         return replace(asked, landmarks=landmarks, limbs=limbs)
 
-    def choose(self, asked: AskedLandmarks, reached: Reached, dt: float) -> AskedLandmarks:
+    def choose(self, asked: DesiredLandmarks, reached: Reached, dt: float) -> DesiredLandmarks:
         """Choose for the next `dt` s. Returns what is to be asked: hands within reach, and the pelvis low enough."""
         self._passed += dt
         if self._passed >= LOOK_S:
@@ -187,7 +187,7 @@ class Strategies:
             limbs[hand.line] = plus(limbs[hand.line], minus(shift, off))
         return replace(asked, landmarks=landmarks, limbs=limbs)
 
-    def _look_again(self, asked: AskedLandmarks, reached: Reached) -> None:
+    def _look_again(self, asked: DesiredLandmarks, reached: Reached) -> None:
         """Look at the map where it may say something else than at the last look. Within the arms' reach it says the
         same as long as no hand has moved as far as it was from the edge."""
         seen, pelvis, there = self._seen, asked.landmarks[self._pelvis], reached.landmarks[self._pelvis]
@@ -280,7 +280,7 @@ def strategies_of(
     stance: Stance,
     hierarchy: Hierarchy,
     build: Build,
-    standing: AskedLandmarks,
+    standing: DesiredLandmarks,
     balance: StandingBalance,
     strength: StandingStrength | None,
     envelope: Envelope,

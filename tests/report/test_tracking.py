@@ -7,14 +7,14 @@ import pytest
 
 from followers import DT, follower, op3, performance, performer, postures
 from retarget import rotations
-from retarget.report.tracking import AWAY_M, HANDS, asked_arms, longest, reachable_hands, within_reach
+from retarget.report.tracking import AWAY_M, HANDS, hand_references, longest, reachable_hands, within_reach
 from retarget.robot.arm_branches import chain_to_anchor
-from retarget.robot.landmarks import AskedLandmarks
+from retarget.robot.landmarks import DesiredLandmarks
 from retarget.types import FloatArray, HumanPosture
 
 
 @cache
-def performed() -> tuple[list[HumanPosture], list[AskedLandmarks]]:
+def performed() -> tuple[list[HumanPosture], list[DesiredLandmarks]]:
     """A performer who turns on the spot while reaching and crouching, and what that asks."""
     human = postures(performer())
     for tick, posture in enumerate(human):
@@ -31,7 +31,7 @@ def performed() -> tuple[list[HumanPosture], list[AskedLandmarks]]:
         )
     landmarks = follower().landmark_map
     landmarks.restart()
-    return human, [landmarks.ask(posture, DT) for posture in human]
+    return human, [landmarks.desired(posture, DT) for posture in human]
 
 
 def points() -> FloatArray:
@@ -42,7 +42,7 @@ def points() -> FloatArray:
 def test_the_asked_torso_is_found_again() -> None:
     human, asked = performed()
     names, stance = follower().landmark_map.names, follower().stance
-    found = asked_arms(op3(), stance, performance(human, names, points()))
+    found = hand_references(op3(), stance, performance(human, names, points()))
     assert tuple(found) == HANDS
     back = rotations.conjugate(np.array([one.trunk for one in asked]))
     pelvis = points()[:, names.index("pelvis")]
@@ -55,7 +55,7 @@ def test_the_asked_torso_is_found_again() -> None:
 def test_without_both_hands_nothing_is_said() -> None:
     human, _ = performed()
     one = performance(human, ("l_hand", "pelvis"), points()[:, :2])
-    assert asked_arms(op3(), follower().stance, one) == {}
+    assert hand_references(op3(), follower().stance, one) == {}
     assert reachable_hands(op3(), one, points()[:, :2]) == {}
 
 

@@ -31,7 +31,7 @@ from retarget.robot.follower import (
     stance_angles,
 )
 from retarget.robot.following_limits import following_limits
-from retarget.robot.landmarks import AskedLandmarks, standing_dofs
+from retarget.robot.landmarks import DesiredLandmarks, standing_dofs
 from retarget.rotations import plus
 from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
@@ -156,7 +156,7 @@ def leaning() -> Follower:
     aside = [plus(place, (0.05, 0.05, 0.0)) for place in standing.landmarks]
     turned = (np.cos(0.3), 0.0, 0.0, np.sin(0.3))
     for _ in range(300):
-        robot._advance(AskedLandmarks(aside, standing.limbs, turned, standing.gaze), DT)
+        robot._advance(DesiredLandmarks(aside, standing.limbs, turned, standing.gaze), DT)
     robot.begin_return_to_stance(robot._q.copy(), DT)
     return robot
 

@@ -20,11 +20,11 @@ from retarget.robot.landmarks import (
     KNEE,
     SETTLE_S,
     Facing,
-    FeetApart,
+    FootSeparation,
     LandmarkMap,
     PelvisOverFeet,
     RobotReader,
-    feet_apart,
+    foot_separation,
 )
 from retarget.rotations import Vector, axis_turn
 from retarget.types import Carrying, FloatArray, HumanPosture
@@ -67,10 +67,10 @@ reach = st.floats(-0.5, 0.5)
 
 
 @cache
-def of(name: str) -> FeetApart | None:
+def of(name: str) -> FootSeparation | None:
     robot = load_robot(name, root="suspended")
     stance = plant(robot, robot.profile.postures.stand)
-    return feet_apart(robot.profile, stance, tuple(robot.profile.landmarks))
+    return foot_separation(robot.profile, stance, tuple(robot.profile.landmarks))
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -84,7 +84,7 @@ def test_every_robot_keeps_its_left_foot_to_the_left_by_as_much_as_it_stands(nam
 
 def ask(left: Vector, right: Vector) -> tuple[Vector, Vector]:
     landmarks = [right, (1.0, 2.0, 3.0), left]
-    FeetApart(left=2, right=0, least=LEAST).ask(landmarks)
+    FootSeparation(left=2, right=0, least=LEAST).apply(landmarks)
     assert landmarks[1] == (1.0, 2.0, 3.0)
     return landmarks[2], landmarks[0]
 
@@ -142,7 +142,7 @@ def crouched(share: float) -> FloatArray:
 
 def landmarks_ask(posture: HumanPosture, envelope: Envelope | None = WIDE) -> dict[str, FloatArray]:
     where = landmark_map(envelope)
-    return dict(zip(where.names, map(np.array, where.ask(posture, DT).landmarks), strict=True))
+    return dict(zip(where.names, map(np.array, where.desired(posture, DT).landmarks), strict=True))
 
 
 def test_a_standing_performer_is_a_standing_robot() -> None:
@@ -189,7 +189,7 @@ def test_the_trunk_leans_and_twists_with_the_performer(lean: float, twist: float
     )
     legs = ("hip", "knee", "ankle", "toe")
     bent = changed(lambda n, p: p if n.endswith(legs) else rotations.rotate(turn, p - hips()) + hips())
-    asked = landmark_map().ask(human(bent, np.array([rotations.IDENTITY, turn, turn])), DT)
+    asked = landmark_map().desired(human(bent, np.array([rotations.IDENTITY, turn, turn])), DT)
     if lean < 0.8:
         assert rotations.angle_between(np.array(asked.trunk), turn) < 0.02
     assert np.allclose(asked.gaze, rotations.rotate(turn, np.array([1.0, 0.0, 0.0])), atol=1e-9)
@@ -200,7 +200,7 @@ def test_a_lean_beyond_the_robots_is_drawn_in() -> None:
     legs = ("hip", "knee", "ankle", "toe")
     bent = changed(lambda n, p: p if n.endswith(legs) else rotations.rotate(turn, p - hips()) + hips())
     stiff = Envelope(np.array([0.1, 0.25]), np.full((2, 4), 0.5))
-    trunk = np.array(landmark_map(stiff).ask(human(bent, np.array([rotations.IDENTITY, turn, turn])), DT).trunk)
+    trunk = np.array(landmark_map(stiff).desired(human(bent, np.array([rotations.IDENTITY, turn, turn])), DT).trunk)
     lean = float(rotations.angle_between(trunk, rotations.IDENTITY))
     assert 0.35 < lean < 0.5
 
@@ -223,8 +223,8 @@ def test_a_lifted_foot_is_no_crouch(foot: str, carrying: Carrying) -> None:
     lifted = replace(human(changed(lambda n, p: p + np.array([0.0, 0.0, 0.3]) if n == foot else p)), carrying=carrying)
     where = landmark_map()
     row = where.names.index("pelvis")
-    upright = where.ask(human(), DT).landmarks[row][2]
-    assert abs(where.ask(lifted, DT).landmarks[row][2] - upright) < 1e-3
+    upright = where.desired(human(), DT).landmarks[row][2]
+    assert abs(where.desired(lifted, DT).landmarks[row][2] - upright) < 1e-3
 
 
 def test_a_robot_that_hangs_keeps_its_feet_apart_and_its_head_on_its_trunk() -> None:
@@ -233,7 +233,7 @@ def test_a_robot_that_hangs_keeps_its_feet_apart_and_its_head_on_its_trunk() -> 
     where = LandmarkMap(robot.profile, dimensions(performer()), stance, None)
     moved = {"l_ankle": np.array([0.0, -0.2, 0.0]), "head": np.array([0.1, 0.0, -0.1])}  # a foot across, a bent neck
     joints = changed(lambda name, point: point + moved.get(name, 0.0))
-    asked = dict(zip(where.names, map(np.array, where.ask(human(joints), DT).landmarks), strict=True))
+    asked = dict(zip(where.names, map(np.array, where.desired(human(joints), DT).landmarks), strict=True))
     apart = stance.points["l_sole"][1] - stance.points["r_sole"][1]
     assert apart <= asked["l_sole"][1] - asked["r_sole"][1] < 1.1 * apart
     assert np.allclose(asked["head"], stance.points["head"]) and np.allclose(asked["pelvis"], stance.points["pelvis"])

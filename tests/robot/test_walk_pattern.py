@@ -17,7 +17,7 @@ from retarget.robot.walking.pattern import (
     Pattern,
     Request,
     Step,
-    landing,
+    next_foothold,
     rotated,
     standing,
     walk,
@@ -59,8 +59,8 @@ def steps_from(begun: Pattern, row: int, swinging: int, asked: Request, ticks: i
     """A step, and the one that brings the feet together."""
     time = ticks * GAIT.dt
     support = begun.feet(row)[1 - swinging]
-    target = landing(GAIT, support, clipped(GAIT, asked, time), swinging, time)
-    beside = landing(GAIT, target, Request(), 1 - swinging, GAIT.period)
+    target = next_foothold(GAIT, support, clipped(GAIT, asked, time), swinging, time)
+    beside = next_foothold(GAIT, target, Request(), 1 - swinging, GAIT.period)
     single = GAIT.ticks - GAIT.double_ticks
     return Step(1 - swinging, target, double, ticks - GAIT.double_ticks), Step(
         swinging, beside, GAIT.double_ticks, single

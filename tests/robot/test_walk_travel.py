@@ -99,7 +99,7 @@ def test_a_robot_that_can_walks_as_the_performer_scaled(velocity: tuple[float, f
     mean, varies = middle(asked)
     np.testing.assert_allclose(mean, wanted, atol=0.012)
     assert varies[2] < 0.1, "a swing of 0.15 rad at its speed would be 1.5 rad/s"
-    (walked, turned), (gone, around) = travel.walked, travel.asked
+    (walked, turned), (gone, around) = travel.walked, travel.desired
     assert walked == pytest.approx(10.0 * np.hypot(*wanted[:2]), rel=0.15) and gone == pytest.approx(walked, rel=0.2)
     assert turned == pytest.approx(10.0 * abs(wanted[2]), abs=0.4) and around >= 0.0
 

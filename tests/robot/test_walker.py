@@ -126,7 +126,7 @@ def test_a_path_that_is_late_is_dropped() -> None:
     """The robot goes on to its stand, and from there."""
     one, q = walker(), stance().q
     walked(one, FORWARD, 200, q)
-    while one.path is not None and one.row + 4 < one.path.landed:
+    while one.path is not None and one.row + 4 < one.path.touchdown:
         one.step(FORWARD, q)
     assert one.path is not None
     one.locate(one.path.postures[one.row + 1])
@@ -170,7 +170,7 @@ def test_where_a_path_is_refused_it_stays_on_the_one_before() -> None:
     while one.path is path:
         row = one.row
         one.step(FORWARD, q)
-    assert path is not None and row == path.landed
+    assert path is not None and row == path.touchdown
     steps = one.steps
     one.locate(path.postures[row + 1])
     assert one.path is path and one.row == row + 1 and one.steps == steps - 1

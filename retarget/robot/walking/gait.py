@@ -1,7 +1,7 @@
-"""The gait of a robot, from its size: times and sizes of its steps, and how fast it may be asked to walk.
+"""The gait of a robot, from its size: times and sizes of its steps, and its fastest walk.
 
-Sizes are shares of what was found for OP3 in physics (`benchmarks.walking`), in the natural units of an inverted
-pendulum: a step's time by sqrt(height / g), speeds by sqrt(g height).
+Constants were found for OP3 in physics (`benchmarks.walking`), in units of the pendulum: sqrt(height / g), sqrt(g
+height).
 """
 
 from math import sqrt
@@ -18,34 +18,30 @@ from retarget.schema.priorities import Priorities, Steps
 from retarget.types import MM
 
 STEP_TIMES, DOUBLE_TIMES = 3.76, 0.3
-"""Duration of a step, and of its double support, in sqrt(height / g): 0.592 and 0.048 s of OP3."""
+"""Duration of a step, and of its double support, in sqrt(height / g)."""
 SHORTEST, LONGEST_TIME = 0.9, 1.7
-"""Durations of the shortest and of the longest step in time with a performer, as shares of the gait's own. A shorter
-step would need faster servos. A longer one, at the same velocity, needs legs that reach farther, hence bend more: they
-would look less like the performer's."""
+"""Durations of the shortest and the longest step in time with a performer, relative to the gait's. Shorter steps need
+faster servos, and longer ones bend legs more."""
 WALKING_HEIGHT = 0.94
-"""Height of the centre of mass in the pattern of a walk, as a share of that in `stand`."""
+"""Height of the centre of mass in a walk, relative to `stand`."""
 STRAIGHTEST, REACHING, LOWER = 1.032, 1.0745, 0.284
-"""Height of the mass over the foot that carries, as a share of that: straighter knees would have to turn too fast.
-While both feet are on the floor it is lower, so that legs reach forward and back: by the second less the third for a
-step as long as the height, 0.98 of `stand` for short ones of OP3, and 0.91 for 90 mm. Less, and knees need more speed
-and acceleration; more, and they bend more than the performer's."""
+"""Height of the mass over one foot, relative to the gait's: knees that are straighter must turn too fast. On both feet
+it is at most REACHING less LOWER times the step (in heights), so that legs reach forward and back."""
 LIFT = 0.043
-"""Greatest height of the foot that swings, as a share of that height: 10 mm of OP3. Knees need torque for more."""
+"""Greatest height of the swing foot, relative to the gait's. Knees need torque for more."""
 LONGEST = 0.45
-"""Longest step, as a share of the height. In a longer one, bent legs of OP3 come too near to its trunk."""
+"""Longest step, relative to the height. In longer ones bent legs come close to the trunk."""
 FORWARD, SIDEWAYS, TURN = 0.0972, 0.026, 0.0472
-"""Fastest walk, forward and sideways by sqrt(g height), and turn by sqrt(g / height): 0.15 m/s, 0.04 m/s and 0.3 rad/s
-of OP3. At 0.18 m/s its hips and knees would have to speed up faster than they can, and it stumbles."""
+"""Fastest walk forward and sideways, in sqrt(g height), and turn, in sqrt(g / height). OP3 at 0.18 m/s stumbles, as
+hips and knees need more acceleration than they have."""
 MOST_EASE_S = 0.9
-"""Longest time (s) in which a robot that begins to walk gets to its walking height, and upright."""
+"""Longest time in which a robot gets to its walking height and upright, s."""
 LONGEST_STOP_S = 3.8
-"""Longest stop (s) of a robot that walks, from the first posture of a path to its end: the supervisor allows 0.2 s
-more. A taller robot takes longer, and stays planted."""
+"""Longest stop of a walking robot, s: the supervisor allows 0.2 s more."""
 
 
 def gait_of(robot: RobotBody, stance: Stance, *, dt: float) -> Gait:
-    """The gait of a robot in its stance on two soles, in ticks of `dt` s."""
+    """The gait of a robot in its stance on two soles, for ticks of `dt` s."""
     height = WALKING_HEIGHT * float(robot.body.solver_body().centre_of_mass(stance.q[None])[0, 2])
     time = sqrt(height / GRAVITY)
     left, right = (sole.outline.mean(axis=0) for sole in stance.soles)
@@ -65,54 +61,49 @@ def gait_of(robot: RobotBody, stance: Stance, *, dt: float) -> Gait:
 
 
 def fastest(gait: Gait) -> Request:
-    """The fastest that a robot of this gait may be asked to walk: m/s, m/s, rad/s."""
+    """The fastest velocity that a robot of this gait may walk at."""
     speed = sqrt(GRAVITY * gait.height)
     return Request(FORWARD * speed, SIDEWAYS * speed, TURN * speed / gait.height)
 
 
-def clipped(gait: Gait, asked: Request, time: float) -> Request:
-    """A velocity that is no faster than the robot may be asked to walk, in a step of so many s: a long step leaves a
-    leg little to reach forward, and less to reach sideways, while hips turn as they do on the spot."""
+def clipped(gait: Gait, request: Request, time: float) -> Request:
+    """Scale a request to what the robot can walk in a step of `time` s: a long step leaves legs little to reach."""
     most = fastest(gait)
-    turn = min(max(asked.turn, -most.turn), most.turn)
+    turn = min(max(request.turn, -most.turn), most.turn)
     reach = gait.longest - 0.5 * gait.width * abs(sin(turn * time))  # soles that turn are before and behind each other
     forward, left = min(most.forward, reach / time), most.left * min(gait.period / time, 1.0)
-    length = max(hypot(asked.forward / forward, asked.left / left), 1.0)
-    return Request(asked.forward / length, asked.left / length, turn)
+    length = max(hypot(request.forward / forward, request.left / left), 1.0)
+    return Request(request.forward / length, request.left / length, turn)
 
 
 def walking_heights(gait: Gait, far: float) -> tuple[float, float]:
-    """Heights (m) of the centre of mass in a step of `far` m: while both feet are on the floor and legs reach forward
-    and back, and over one of them."""
+    """Heights of the centre of mass in a step of `far` m, m: on both feet, and over one."""
     high = STRAIGHTEST * gait.height
     return min(high, REACHING * gait.height - LOWER * far), high
 
 
-# Whether a robot walks: its priority file says so, or `--steps` instead, and its root and legs whether it can.
-
 PLANTED = "both soles stay planted"
-"""With these words begins the note for the operator of a robot that does not walk though it is asked to."""
+"""Beginning of the note for the operator of a robot that stays planted."""
 SOLES = 2
-"""Soles of a robot that walks."""
 
 
 def with_steps(
-    priorities: Priorities, robot: RobotBody, asked: Steps | None, *, parts: str, mass: bool = False
+    priorities: Priorities, robot: RobotBody, requested: Steps | None, *, parts: str, mass: bool = False
 ) -> tuple[Priorities, tuple[str, ...]]:
-    """The priorities with `asked` instead of their own `steps`, and notes for the operator: a robot that is too weak to
-    stand on one leg, or cannot get its weight over it, stays planted.
+    """Return the priorities with `requested` as their `steps`, and notes for the operator. A robot that is too weak for
+    one leg, or cannot get its mass over it, stays planted.
 
-    asked: None keeps those of the file. parts: of the robot that follow. mass: whether it has any. Raises UsageError or
-    ConfigError where this robot cannot step so, as it is mounted.
+    requested: None keeps those of the file. parts: of the robot that follow. mass: True for a robot with mass. Raises
+    UsageError or ConfigError for steps that this robot, as mounted, cannot make.
     """
-    steps = priorities.steps if asked is None else asked
+    steps = priorities.steps if requested is None else requested
     notes: tuple[str, ...] = ()
     if steps is not None:
         fault = _fault(steps, robot, parts)
         if fault is not None:
             found, next_step = fault
-            kind = ConfigError if asked is None else UsageError
-            where = f"priorities {priorities.name}, steps" if asked is None else "--steps"
+            kind = ConfigError if requested is None else UsageError
+            where = f"priorities {priorities.name}, steps" if requested is None else "--steps"
             raise kind(f"{steps} is not possible here", where=where, found=found, next_step=next_step)
     if steps == "walk" and (why := _unable(robot, mass=mass)) is not None:
         steps, notes = "planted", (f"{PLANTED}: {why}",)
@@ -127,7 +118,7 @@ def with_steps(
 
 
 def _fault(steps: Steps, robot: RobotBody, parts: str) -> tuple[str, str] | None:
-    """What makes these steps impossible, and what to do."""
+    """The reason why these steps are impossible, and the next step of the user; None: they are possible."""
     name = robot.profile.name
     if steps == "follow" and robot.stands:
         return f"{name} stands on its own soles", "Choose --steps walk, or hang it (--bus physics --mount gantry)"
@@ -148,7 +139,7 @@ def _fault(steps: Steps, robot: RobotBody, parts: str) -> tuple[str, str] | None
 
 
 def _unable(robot: RobotBody, *, mass: bool) -> str | None:
-    """Why a robot that could be asked to walk stays planted; None: it walks. mass: whether it has any."""
+    """The reason why a robot that may walk stays planted; None: it walks."""
     load, missed = on_one_leg(robot)
     gait = gait_of(robot, plant(robot, robot.profile.postures.stand), dt=1.0 / robot.profile.safety.rate_hz)
     stop = (1.0 + LONGEST_TIME) * gait.period + max(MOST_EASE_S, CATCH / gait.omega) + EASE / gait.omega
@@ -164,7 +155,7 @@ def _unable(robot: RobotBody, *, mass: bool) -> str | None:
 
 
 def walks(robot: RobotBody) -> str:
-    """How fast a robot with mass walks, or why it does not, in words."""
+    """Text on the fastest walk of a robot with mass, or on why it does not walk."""
     fault = _fault("walk", robot, "whole")
     why = _unable(robot, mass=True) if fault is None else fault[0]
     if why is not None:

@@ -1,39 +1,111 @@
-"""The legs of a robot that walks, as its follower leads it: what they do, and where the world of its stance is.
+"""The legs of a walking robot, and the place of its stance in the world: on its soles, or under its pelvis in a
+walk."""
 
-While it stands, that is where its soles are; while it walks, it goes along under the pelvis, and turns with it.
-"""
-
+from dataclasses import dataclass, replace
 from math import degrees
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from retarget._solver import Braking
+from retarget.arithmetic import cos, sin
 from retarget.ik.hierarchy import Hierarchy
-from retarget.ik.support_polygon import Stance, footing
+from retarget.ik.support_polygon import Sole, Stance, footing
 from retarget.ik.tasks import SlotKind
 from retarget.ik.whole_body_stop import StopPath
 from retarget.model.body import JointLimits
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.robot.following_limits import servo_limits
-from retarget.robot.landmarks import PELVIS
+from retarget.robot.landmarks import PELVIS, UP
 from retarget.robot.walking.gait import fastest, gait_of
-from retarget.robot.walking.pattern import Request
-from retarget.robot.walking.place import StancePlace, place_of, soles_at
+from retarget.robot.walking.pattern import Foothold, Request
 from retarget.robot.walking.travel import Travel, WalkTally
 from retarget.robot.walking.walker import Walker
+from retarget.rotations import Quat, Vector, as_quat, as_vector, axis_turn, product, rotated
 from retarget.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from retarget.types import HumanPosture
 
 NO_SPACES = np.zeros((0, 4))
-"""Half-spaces of a mass that may be anywhere."""
+"""Half-spaces of an unbounded mass."""
+
+
+@dataclass(frozen=True)
+class StancePlace:
+    """Place of the stance in the world, on the floor: x, y m; yaw rad."""
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+    @property
+    def is_origin(self) -> bool:
+        """True if postures are the same in both worlds."""
+        return self == StancePlace()
+
+    @property
+    def turn(self) -> Quat:
+        """Orientation wxyz."""
+        return axis_turn(UP, self.yaw)
+
+    @property
+    def inverse(self) -> "StancePlace":
+        """The world's origin in the frame of this place."""
+        x, y, _ = rotated(axis_turn(UP, -self.yaw), (-self.x, -self.y, 0.0))
+        return StancePlace(x, y, -self.yaw)
+
+    def point(self, local: Vector) -> Vector:
+        """Return a point, m, of the stance's world in the world."""
+        x, y, z = rotated(self.turn, local)
+        return self.x + x, self.y + y, z
+
+    def points(self, local: FloatArray) -> FloatArray:
+        """Return points (..., 3) m of the stance's world in the world."""
+        c, s = cos(self.yaw), sin(self.yaw)
+        x, y, z = np.moveaxis(local, -1, 0)
+        return np.stack([self.x + c * x - s * y, self.y + s * x + c * y, z], axis=-1)
+
+    def postures(self, q: FloatArray) -> FloatArray:
+        """Return postures (k, nq) of the stance's world in the world."""
+        moved = q.copy()
+        moved[:, :3] = self.points(q[:, :3])
+        for row in moved:
+            row[3:7] = product(self.turn, as_quat(row[3:7]))
+        return moved
+
+    def velocity(self, local: FloatArray) -> FloatArray:
+        """Return a velocity (nv,), root first, of the stance's world in the world."""
+        moved = local.copy()
+        moved[:3] = rotated(self.turn, as_vector(local[:3]))
+        return moved
+
+
+def place_of(stance: Stance, feet: tuple[Foothold, Foothold]) -> StancePlace:
+    """Return the place of a stance whose soles have their middles on these footholds."""
+    middle = 0.5 * (feet[0].place + feet[1].place)
+    yaw = 0.5 * (feet[0].yaw + feet[1].yaw)
+    own = 0.5 * (stance.soles[0].outline.mean(axis=0) + stance.soles[1].outline.mean(axis=0))
+    x, y, _ = StancePlace(yaw=yaw).point((float(own[0]), float(own[1]), 0.0))
+    return StancePlace(float(middle[0]) - x, float(middle[1]) - y, yaw)
+
+
+def soles_at(stance: Stance, place: StancePlace) -> list[Sole]:
+    """Return the soles of a stance at a place."""
+    return [
+        replace(
+            sole,
+            position=np.array(place.point(as_vector(sole.position))),
+            orientation=np.array(product(place.turn, as_quat(sole.orientation))),
+            outline=place.points(np.insert(sole.outline, 2, 0.0, axis=1))[:, :2],
+        )
+        for sole in stance.soles
+    ]
 
 
 class Legs:
-    """Legs of one robot. upper: leads all else while they walk, by the same priorities. velocity: asked by a stick in
-    this tick, in the robot's own frame, all zeros to stand; None: they walk with the performer."""
+    """Legs of one robot. upper: hierarchy of all else in a walk. velocity: of a stick, in the robot's frame, all zeros
+    to stand; None: the robot follows the performer's travel."""
 
     def __init__(
         self,
@@ -54,14 +126,14 @@ class Legs:
         self._robot, self._stance, self._carrying, self.upper = robot, stance, carrying, upper
         self._soles = [sole.frame.name for sole in stance.soles]
         dofs = np.array([robot.body.dof_index(joint) for joint in robot.joint_map.joints])
-        self._dofs = dofs[~carrying[dofs]]  # of servos that carry nothing
+        self._dofs = dofs[~carrying[dofs]]  # of servos of the upper body
         self.velocity: Request | None
         self._walker: Walker | None = None
         self._brakes: Braking | None = None
         self.restart()
 
     def restart(self) -> None:
-        """Stand in the stance."""
+        """Stand in the stance at the origin."""
         self._place, self.velocity = StancePlace(), None
         self._plant()
         self._walker, self._travel = None, None
@@ -71,19 +143,19 @@ class Legs:
 
     @property
     def walks(self) -> bool:
-        """Whether they are on their way."""
+        """True during a walk."""
         return self._walker is not None and self._walker.path is not None
 
     def tally(self) -> WalkTally:
-        """How the robot has walked so far."""
+        """Return the totals of the walk so far."""
         steps, travel = 0 if self._walker is None else self._walker.steps, self._travel
         if travel is None:
             return WalkTally(steps)
-        (walked, turned), (asked, asked_turn) = travel.walked.tolist(), travel.asked.tolist()
-        return WalkTally(steps, walked, asked, degrees(turned), degrees(asked_turn))
+        (walked, turned), (desired, desired_turn) = travel.walked.tolist(), travel.desired.tolist()
+        return WalkTally(steps, walked, desired, degrees(turned), degrees(desired_turn))
 
-    def asked(self, human: "HumanPosture", dt: float) -> Request | None:
-        """How fast the robot is to walk, in its own frame; None: it is to stand."""
+    def desired(self, human: "HumanPosture", dt: float) -> Request | None:
+        """Return the desired velocity in the robot's own frame; None: stand."""
         if self._travel is None:
             gait = gait_of(self._robot, self._stance, dt=dt)
             self._travel = Travel(gait, fastest(gait), scale=self._scale)
@@ -91,11 +163,11 @@ class Legs:
         return self._travel.step(human, speed) if self.velocity is None else self._travel.steer(speed, self.velocity)
 
     def fastest(self, dt: float) -> Request:
-        """The fastest that they may be asked to walk, in ticks of `dt` s."""
+        """Return the greatest velocity, in ticks of `dt` s."""
         return fastest(gait_of(self._robot, self._stance, dt=dt))
 
     def begin(self, stop: StopPath | None, q: FloatArray, velocity: FloatArray, dt: float) -> None:
-        """Begin to walk. stop: how the robot stops now, world. q (nq,), velocity (nv,): in the world of the stance."""
+        """Begin to walk. stop: present stop, world. q (nq,), velocity (nv,): in the world of the stance."""
         assert stop is not None, "its legs move"
         if self._walker is None:
             limits, dofs = self._limits, self._dofs
@@ -107,12 +179,12 @@ class Legs:
         self._go_along(stop.postures[0], self._place.yaw)
         self.upper.solver.correct(q, velocity)
 
-    def step(self, asked: Request | None, dt: float) -> tuple[FloatArray, FloatArray]:
-        """Go on by a tick. Returns the posture (nq,) with the legs of this tick, and its velocity (nv,), in the world
-        of the stance; where that walk is over, with legs at rest."""
+    def step(self, request: Request | None, dt: float) -> tuple[FloatArray, FloatArray]:
+        """Go on by a tick. Returns posture (nq,) and velocity (nv,) in the world of the stance, with the legs at rest
+        at the end of the walk."""
         walker, q, velocity = self._walker, self.upper.solver.q, self.upper.solver.velocity
         assert walker is not None and walker.path is not None, "it walks"
-        walker.step(asked, q, None if self._travel is None else self._travel.swing)
+        walker.step(request, q, None if self._travel is None else self._travel.swing)
         path, row = walker.path, walker.row
         now = path.postures[row].copy()
         now[walker.others] = q[walker.others]
@@ -128,20 +200,20 @@ class Legs:
         return self.seen(now, moved)
 
     def _go_along(self, q: FloatArray, yaw: float) -> None:
-        """Have the world of the stance under the root of a posture (nq,), world."""
+        """Move the world of the stance under the root of a posture (nq,), world."""
         x, y, _ = StancePlace(yaw=yaw).point((float(self._stance.q[0]), float(self._stance.q[1]), 0.0))
         self._place = StancePlace(float(q[0]) - x, float(q[1]) - y, yaw)
 
     def stand(self) -> None:
-        """Stand where the walk has led to."""
+        """Stand at the end of the walk."""
         if self._walker is not None:
             self._walker.stand()
             self._place = place_of(self._stance, self._walker.feet)
             self._plant()
 
     def stop(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath:
-        """How the robot stops, world: the rest of its path, on which all that does not carry brakes in proportion. q
-        (nq,), velocity (nv,): now, in the world of the stance."""
+        """Return the stop, world: the rest of the path, while other joints brake in proportion. q (nq,), velocity
+        (nv,): in the world of the stance."""
         walker = self._walker
         assert walker is not None and walker.path is not None and self._brakes is not None, "it walks"
         path, row, others = walker.path, walker.row, walker.others
@@ -153,7 +225,8 @@ class Legs:
         return StopPath(postures, None, path.pattern.carries[on_path])
 
     def foresee(self, q: FloatArray, velocity: FloatArray, dt: float) -> None:
-        """Let all else keep off where the legs will be. q (nq,), velocity (nv,): now, in the world of the stance."""
+        """Make the upper body keep clear of the legs' future postures. q (nq,), velocity (nv,): in the world of the
+        stance."""
         walker = self._walker
         assert walker is not None and self._brakes is not None, "it walks"
         others = walker.others
@@ -174,15 +247,14 @@ class Legs:
                 self._go_along(q, float(walker.path.pattern.yaws[walker.row]))
 
     def hold(self) -> None:
-        """Go nowhere from the end of the path: the follower does not lead the robot. Nothing that the performer does
-        meanwhile is a way to go."""
+        """Plan no further while the follower does not drive the robot, and ignore the performer's travel meanwhile."""
         if self._walker is not None:
             self._walker.drop()
         if self._travel is not None:
             self._travel.resume()
 
     def leave_out(self, targets: FloatArray) -> None:
-        """Ask nothing of what legs alone could do."""
+        """Remove the targets that need the legs."""
         for sole in self._soles:
             self.upper.weigh(targets, SlotKind.POSITION, sole, 0.0)
             self.upper.weigh(targets, SlotKind.ORIENTATION, sole, 0.0)
@@ -190,29 +262,29 @@ class Legs:
             self.upper.weigh(targets, kind, name, 0.0)
         self.upper.set_support(targets, NO_SPACES)
 
-    # From the world of the stance to the world, and back.
+    # Between the world of the stance and the world.
 
     def in_world(self, q: FloatArray) -> FloatArray:
-        """A posture (nq,) in the world."""
+        """Return a posture (nq,) in the world."""
         walker = self._walker
-        if walker is not None and walker.path is not None:  # to the bit, as the path is verified
+        if walker is not None and walker.path is not None:  # to the bit, as the gate verified the path
             now: FloatArray = walker.path.postures[walker.row].copy()
             now[walker.others] = q[walker.others]
             return now
         return q if self._place.is_origin else self._place.postures(q[None])[0]
 
     def points_in_world(self, points: FloatArray) -> FloatArray:
-        """Points (..., 3) m in the world."""
+        """Return points (..., 3) m in the world."""
         return points if self._place.is_origin else self._place.points(points)
 
     def seen(self, q: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """A posture (nq,) and a velocity (nv,) of the world in that of the stance."""
+        """Return a posture (nq,) and a velocity (nv,) of the world in that of the stance."""
         if self._place.is_origin:
             return q, velocity
         back = self._place.inverse
         return back.postures(q[None])[0], back.velocity(velocity)
 
     def moved(self, stop: StopPath) -> StopPath:
-        """A stop of a standing robot, in the world."""
+        """Return the stop of a standing robot in the world."""
         postures = stop.postures if self._place.is_origin else self._place.postures(stop.postures)
         return StopPath(postures, self.footing)

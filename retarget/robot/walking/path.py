@@ -1,8 +1,7 @@
-"""Paths of a walking robot: postures of root and legs for a pattern, tick by tick, until it stands on both feet.
+"""Paths of a walking robot: postures of root and legs for a step pattern, tick by tick, until it stands on both feet.
 
-Soles come first, then the centre of mass, then an upright pelvis; within the limits of the servos. Joints that carry
-nothing stay in the path as they were when it was begun. They move all the same, and the centre of mass with them; the
-next path begins with their new angles.
+Soles have priority over the centre of mass, and that over an upright pelvis. Other joints keep the angles that they
+have when a path begins.
 """
 
 from dataclasses import dataclass, replace
@@ -18,34 +17,32 @@ from retarget.rotations import Quat, as_quat, as_vector, inverse, product, rotat
 from retarget.types import BoolArray, FloatArray
 
 ROOT = 1
-"""The link that the legs hang from."""
+"""The link from which the legs hang."""
 
 
 @dataclass(frozen=True, eq=False)
 class WalkPath:
-    """postures (k, nq), m, wxyz and rad, world, tick by tick: the robot goes on from the first, and stands in the last.
-    pattern: it has as many rows. step: the path begins with it, and one that brings the feet together follows; None:
-    the robot only comes to rest. landed: the row with which the step ends, or the last. speed: the mean velocity of the
-    step. since: the path goes on from this row of the path before."""
+    """A path to a stand. postures (k, nq): m, wxyz and rad, world; pattern: of as many rows. step: the first step,
+    before one that brings the feet together; None: the robot only comes to rest. touchdown: last row of the step.
+    speed: mean velocity of the step. since: row of the path before from which this one goes on."""
 
     postures: FloatArray
     pattern: Pattern
     step: Step | None
-    landed: int
+    touchdown: int
     speed: Request
     since: int
 
     @property
     def feet(self) -> tuple[Foothold, Foothold]:
-        """Both soles at its end."""
+        """Both footholds at the end."""
         return self.pattern.feet(-1)
 
 
 @dataclass(frozen=True, eq=False)
 class Sketch:
-    """A path in the making. path: it has no postures yet but the first; postures: made so far. velocity (nv,): of the
-    first. offset (3,) m, turned (3,) rad: of centre of mass and root from the pattern there, which fade within `ease`
-    ticks."""
+    """A path in the making. path: without postures; postures: so far. velocity (nv,): in the first. offset (3,) m,
+    turned (3,) rad: of centre of mass and root from the pattern there, which fade within `ease` ticks."""
 
     path: WalkPath
     postures: list[FloatArray]
@@ -59,7 +56,7 @@ class PathPlanner:
     """Makes the paths of one robot, a few postures in each tick."""
 
     def __init__(self, robot: RobotBody, stance: Stance, limits: JointLimits, carrying: BoolArray, gait: Gait) -> None:
-        """limits (nv,): which postures keep. carrying (nv,): root and joints of the legs."""
+        """limits (nv,): for the postures. carrying (nv,): root and joints of the legs."""
         self._body, self._gait = robot.body.solver_body(), gait
         self._soles = stance.soles
         upright = self._body.orientations(stance.q[None], [ROOT])[0, 0]
@@ -89,17 +86,17 @@ class PathPlanner:
         return mass
 
     def velocity(self, before: FloatArray, now: FloatArray) -> FloatArray:
-        """Velocity (nv,) from one posture (nq,) to the next, a tick later."""
+        """Velocity (nv,) between two postures (nq,) of consecutive ticks."""
         return self._body.difference(before, now) / self._gait.dt
 
     def off(self, q: FloatArray, mass: FloatArray, yaw: float) -> tuple[FloatArray, FloatArray]:
-        """The offset (3,) m of the centre of mass of a posture (nq,) from a place (3,) m, and the turn (3,) rad of its
-        root from upright at a yaw, rad."""
+        """Offset (3,) m of the centre of mass of a posture (nq,) from a place (3,) m, and turn (3,) rad of its root
+        from upright at a yaw, rad."""
         root = as_quat(self._body.orientations(q[None], [ROOT])[0, 0])
         return self.mass(q) - mass, np.array(rotation_vector(product(root, inverse(self._pelvis(yaw)))))
 
     def advance(self, sketch: Sketch, rows: int) -> WalkPath | None:
-        """Make so many more rows of a path. Returns the path once it is whole, else None."""
+        """Make some more rows of a path. Returns the path once it is whole, else None."""
         solver, pattern, done = self._solver, sketch.path.pattern, len(sketch.postures)
         if done == 1:
             solver.reset(sketch.postures[0], sketch.velocity)
@@ -113,8 +110,8 @@ class PathPlanner:
         return replace(sketch.path, postures=np.array(sketch.postures))
 
     def _aim(self, soles: FloatArray, mass: FloatArray, yaw: float, turned: FloatArray) -> None:
-        """Write the targets of a row: soles (2, 4), centre of mass (3,) m, yaw rad of the trunk, and its turn (3,) rad
-        from upright."""
+        """Write the targets of a row: soles (2, 4), centre of mass (3,) m, yaw of the trunk, rad, and its turn (3,)
+        rad."""
         targets = self._targets
         for k, (sole, middle, pose) in enumerate(zip(self._soles, self._middles, soles, strict=True)):
             about = turn((0.0, 0.0, float(pose[3])))
@@ -125,5 +122,5 @@ class PathPlanner:
         targets[self._root] = (1.0, *product(turn(as_vector(turned)), self._pelvis(yaw)))
 
     def _pelvis(self, yaw: float) -> Quat:
-        """Orientation wxyz of an upright pelvis at a yaw, rad."""
+        """Orientation wxyz of an upright pelvis."""
         return product(turn((0.0, 0.0, yaw)), self._upright)

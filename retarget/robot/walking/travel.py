@@ -1,8 +1,7 @@
-"""Travel of a performer: how fast a robot is to walk and turn, from where their feet go and where they face.
+"""Travel of a performer: the velocity of a walking robot, from the path of the performer's feet and their heading.
 
-The robot walks in its own frame as the performer does in theirs, scaled by the length of the leg. It begins when they
-lift their feet in turn, on the spot or on their way, and ends when both stay down. What it is behind, because it is
-late or slower than they are, it makes up for, but no more than two steps: so it stops when they do.
+The robot begins to walk when the performer lifts their feet in turn, and ends when both stay down. It makes up for a
+backlog of at most two steps.
 """
 
 from collections import deque
@@ -21,36 +20,33 @@ if TYPE_CHECKING:
     from retarget.types import HumanPosture
 
 STRIDE_S, LONGEST_S = 2.0, 5.0
-"""Duration (s) of a stride that is not known yet, and the longest. The performer's velocity is a mean over their last
-stride: within it their feet go by turns, and pelvis and shoulders swing."""
+"""Duration of an unknown stride, and the longest, s. The performer's velocity is a mean over a stride, within which
+pelvis and shoulders swing."""
 STEP_S = 0.7
-"""Duration (s) of a step that is not known yet."""
+"""Duration of an unknown step, s."""
 SEEN_S = 0.5 * (LIFT_DWELL_S + TOUCHDOWN_DWELL_S) + FOOT_SPEED_SETTLE_S
-"""Time (s) by which the middle of a swing is seen late."""
+"""Delay with which the middle of a swing is detected, s."""
 CATCH_UP_S = 2.5
-"""Time (s) in which what the robot is behind would be made up for; once the performer stands, that of a step."""
+"""Time constant of making up for the backlog while the performer walks, s."""
 LEASH = 2.0
-"""Most that it may be behind, in steps at its fastest."""
+"""Greatest backlog, in steps at full speed."""
 MOST_TURN = 1.5
-"""Most (rad) that it may be behind in its turn while they walk on: so it faces their way in the end."""
+"""Greatest backlog of turning while the performer walks, rad."""
 LIFTED_S, LIFTED = 0.7, 0.4
-"""s since a foot was lifted last, after which both stay down, or as a share of a stride if that is longer: more than a
-walker has both on the floor."""
+"""Time since the last swing after which a performer stands, s, or as a share of a stride if that is longer."""
 ONE_LEG_S = 3.0
-"""A performer with one foot in the air for so long (s) stands on one leg."""
+"""A performer with one foot in the air for longer stands on one leg, s."""
 SLOWEST = 0.25
-"""Share of the robot's fastest walk at which the middle of the feet of a performer goes who walks: with it one lifted
-foot is enough to begin, else feet are lifted in turn."""
+"""Speed, relative to the robot's fastest, from which a single lifted foot begins a walk."""
 LEFT_OVER = 0.5
-"""Steps behind, at its fastest, that are not worth another one."""
+"""Backlog, in steps at full speed, that is not worth another step."""
 _FOOT = {Carrying.LEFT: 1, Carrying.RIGHT: 0}
-"""The foot in the air, by the one that carries."""
 
 
 @dataclass(frozen=True)
 class WalkTally:
-    """What became of a walk. steps: made. walked_m, turned_deg: gone by the robot; asked_m, asked_turn_deg: by the
-    performer, m scaled by the leg, or by a stick."""
+    """Totals of a walk: steps made; metres and degrees that the robot went, and that the performer (scaled by the leg)
+    or the stick requested."""
 
     steps: int = 0
     walked_m: float = 0.0
@@ -60,26 +56,24 @@ class WalkTally:
 
 
 class Strides:
-    """Finds out when a performer's feet are in the air, and from that whether they walk. `duration`: s of their last
-    stride."""
+    """Detects swings of a performer's feet, and from them whether they walk (`walks`)."""
 
     def __init__(self, dt: float) -> None:
         """dt: s between ticks."""
         self._dt, self.walks = dt, False
-        self._in_air = [inf, inf]  # s since either foot was
-        self._lifts = list[float]()  # s since the last three times that a foot left the floor
-        self._foot = 0  # the last of these
-        # The foot that was in the air last, and s since the middle of that.
-        self._swung: tuple[int, float] | None = None
+        self._in_air = [inf, inf]  # s since each foot was in the air
+        self._lifts = list[float]()  # s since the last three lifts of a foot
+        self._foot = 0  # the foot of the last lift
+        self._swung: tuple[int, float] | None = None  # the last foot that swung, and s since the middle of its swing
 
     @property
     def duration(self) -> float:
-        """s of the last stride; STRIDE_S of one that is not known."""
+        """Duration of the last stride, s; STRIDE_S if unknown."""
         return min(self._lifts[0] - self._lifts[2], LONGEST_S) if len(self._lifts) == 3 else STRIDE_S
 
     @property
     def swing(self) -> Swing | None:
-        """The last swing of a foot, or the first one while it lasts; None: there was none."""
+        """The last swing of a foot, or the first one in progress; None: there was none."""
         if not self._lifts:
             return None
         period = self._lifts[-2] - self._lifts[-1] if len(self._lifts) == 2 else 0.5 * self.duration
@@ -88,11 +82,11 @@ class Strides:
         return Swing(foot, since, period)
 
     def look(self, carrying: Carrying, *, travels: bool) -> None:
-        """Look at the feet after another tick. travels: whether their middle goes somewhere."""
+        """Take in the feet after another tick. travels: their middle moves."""
         dt, lifted = self._dt, _FOOT.get(carrying)
         self._lifts = [since + dt for since in self._lifts]
         self._swung = (self._swung[0], self._swung[1] + dt) if self._swung else None
-        if self._lifts and self._in_air[self._foot] == 0.0 and lifted != self._foot:  # it has landed
+        if self._lifts and self._in_air[self._foot] == 0.0 and lifted != self._foot:  # touchdown
             self._swung = self._foot, 0.5 * self._lifts[-1] + SEEN_S
         for foot in (0, 1):
             if foot == lifted and self._in_air[foot] > self._in_air[1 - foot]:
@@ -108,38 +102,42 @@ class Strides:
 
 
 class Travel:
-    """Turns the travel of one performer, or the velocity of a stick, into the velocity that is asked of one robot.
-    `asked`, `walked`: m gone by both, scaled, and rad turned. `swing`: of the performer with whom the robot is to keep
-    step; None: with nobody."""
+    """Turns the travel of a performer, or the velocity of a stick, into the desired velocity of a robot.
+
+    desired, walked: totals (2,) of distance, m (scaled), and turning, rad. swing: of a performer to keep step with.
+    """
 
     def __init__(self, gait: Gait, fastest: Request, *, scale: float) -> None:
-        """fastest: what the robot can. scale: of lengths, from the performer's leg to the robot's."""
+        """fastest: of the robot. scale: of lengths, from the performer's leg to the robot's."""
         self._scale, self._gait = scale, gait
         self.swing: Swing | None
         self._most = np.array([fastest.forward, fastest.left, fastest.turn])
-        self.asked, self.walked = np.zeros(2), np.zeros(2)
+        self.desired, self.walked = np.zeros(2), np.zeros(2)
         self.resume()
 
     def resume(self) -> None:
-        """Go on after a hold: what the performer did meanwhile is no way to go."""
+        """Go on after a hold: ignore the performer's travel meanwhile."""
         self._strides, self.swing = Strides(self._gait.dt), None
         self._before: tuple[float, float, float] | None = None
         longest = round(LONGEST_S / self._gait.dt) + 1
-        self._gone = deque([np.zeros(3)], longest)  # [m, m, rad] at every tick
-        self._sums = deque([np.zeros(3)], longest)  # of these
-        self._followed = np.zeros(3)  # of that, what the robot has been asked for
+        self._gone = deque([np.zeros(3)], longest)  # distance forward and left, m, and turning, rad, at every tick
+        self._sums = deque([np.zeros(3)], longest)  # their sums, for means over a stride
+        self._followed = np.zeros(3)  # the part that was passed on to the robot
         self._behind = np.zeros(3)
         self._goes = False
 
     def step(self, human: "HumanPosture", robot: Request) -> Request | None:
-        """The velocity for the next step after another tick; None: stand. robot: the velocity of its present step."""
+        """Return the velocity for the next step after another tick; None: stand. robot: velocity of its present
+        step."""
         dt, step = self._gait.dt, self._gait.period * self._most
         self._gone.append(self._gone[-1] + self._moved(human))
         self._sums.append(self._sums[-1] + self._gone[-1])
-        self._strides.look(human.carrying, travels=self._travels())
+        far = self._gone[-1] - self._gone[max(len(self._gone) - 1 - round(LIFTED_S / dt), 0)]
+        travels = bool((np.abs(far) > SLOWEST * LIFTED_S * self._most)[:2].any())
+        self._strides.look(human.carrying, travels=travels)
         self.swing = self._strides.swing
         walks, speed, mean = self._strides.walks, np.zeros(3), self._gone[-1]
-        if walks or not self._goes:  # once they stand, the robot goes to where they are
+        if walks or not self._goes:  # the robot walks on to a performer who stands
             count = min(round(self._strides.duration / dt), len(self._gone) - 1)
             speed = (self._gone[-1] - self._gone[-1 - count]) / (count * dt)
             mean = (self._sums[-1] - self._sums[-1 - count]) / count
@@ -153,22 +151,22 @@ class Travel:
         if not self._goes:
             self._behind = np.zeros(3)
             return None
-        self.asked += _length(came)
+        self.desired += _length(came)
         forward, left, turn = (
             speed + self._behind / (max(CATCH_UP_S, 0.5 * self._strides.duration) if walks else self._gait.period)
         ).tolist()
         return Request(forward, left, turn)
 
     def steer(self, robot: Request, stick: Request) -> Request | None:
-        """As `step`, of a robot that a stick asks for a velocity, all zeros to stand."""
+        """As `step`, for the velocity of a stick, all zeros to stand."""
         self.swing = None
-        for gone, one in ((self.walked, robot), (self.asked, stick)):
+        for gone, one in ((self.walked, robot), (self.desired, stick)):
             gone += self._gait.dt * _length(np.array([one.forward, one.left, one.turn]))
         return None if stick == Request() else stick
 
     def _moved(self, human: "HumanPosture") -> FloatArray:
-        """How far the middle of both feet went since the last tick, forward and left of the performer, scaled, m; and
-        how far they turned, rad."""
+        """Movement (3,) of the middle of both feet since the last tick: forward and left, m, scaled, and turning,
+        rad."""
         left, right = human.joint("l_ankle").tolist(), human.joint("r_ankle").tolist()
         x, y = 0.5 * (left[0] + right[0]), 0.5 * (left[1] + right[1])
         yaw = arctan2(human.heading[1], human.heading[0])
@@ -180,12 +178,7 @@ class Travel:
         turned = arctan2(sin(yaw - before), cos(yaw - before))
         return np.array([c * (x - a) + s * (y - b), c * (y - b) - s * (x - a), turned])
 
-    def _travels(self) -> bool:
-        """Whether the middle of the feet goes somewhere."""
-        far = self._gone[-1] - self._gone[max(len(self._gone) - 1 - round(LIFTED_S / self._gait.dt), 0)]
-        return bool((np.abs(far) > SLOWEST * LIFTED_S * self._most)[:2].any())
-
 
 def _length(moved: FloatArray) -> FloatArray:
-    """Length [m, rad] of a way forward, left and turned (3,)."""
+    """Length (2,) of a movement (3,): m, rad."""
     return np.array([hypot(float(moved[0]), float(moved[1])), abs(float(moved[2]))])

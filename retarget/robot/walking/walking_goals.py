@@ -1,15 +1,11 @@
-"""Goals of a walking robot: offsets that hold its planned posture, as `DeflectionCompensation` makes them while it
-stands.
+"""Goals of a walking robot: offsets that hold its planned posture; `DeflectionCompensation` makes them while it stands.
 
-A servo with a P gain is a spring that lags: goal = posture + torque / stiffness + lag * speed. The torque is that of
-the planned motion, by inverse dynamics of link masses and rotors; the soles press where the zero-moment point is. To
-that come small corrections by encoders and IMU: torque at the ankle that carries, for a divergent component that is not
-where it was planned, and turns of its hip and ankle against the tilt of the trunk.
+A servo with a P gain is a lagging spring: goal = posture + torque / stiffness + lag * speed. The torque is from inverse
+dynamics of link masses and rotors, with the ground's force at the zero-moment point. Encoders and IMU correct it: by
+ankle torque for an error of the divergent component (J. Englsberger et al., IEEE T-RO 31(2), 2015), and by turns of hip
+and ankle against tilt.
 
-Torques come and go with the soles, faster than a shaft may move. So here limits of motion belong to the posture, and an
-offset has bounds of its own, which the gate checks.
-
-Source: the prototype's tables and `benchmarks.walking`; J. Englsberger et al., IEEE T-RO 31(2), 2015.
+Torques change faster than a shaft may turn, so offsets have their own bounds, which the gate checks.
 """
 
 from collections.abc import Callable
@@ -37,34 +33,33 @@ from retarget.robot.walking.pattern import rotated as yawed
 from retarget.rotations import arc, as_quat, as_vector, axis_turn, product, rotated, rotation_vector
 
 MOST_RAD = 0.35
-"""Greatest offset of a goal from its posture: 0.31 rad is needed at 0.15 m/s."""
+"""Greatest offset of a goal from its posture, rad: 0.31 is needed at 0.15 m/s."""
 SPEED_SHARE = 4.0
-"""Speed at which an offset may change, in shares of a joint's own: torque comes and goes faster than shafts move."""
+"""Greatest rate of an offset, relative to the joint's speed limit."""
 BEHIND_S = 0.008
-"""Time by which what is measured is older than what is planned, beside one cycle of the bus: of servo and sensor."""
+"""Age of measurements relative to plans, beyond one bus cycle, s."""
 SMOOTH_S = 0.02
-"""Time constant of the measured velocity of the mass, and of what the IMU shows: noise would accelerate goals."""
+"""Time constant of measured velocity and of the IMU's samples, s, as noise would accelerate goals."""
 ZMP_GAIN = 1.0
-"""Shift of the zero-moment point for an error of the divergent component."""
+"""Shift of the zero-moment point per error of the divergent component."""
 MOST_SHIFT = 0.7, 0.64
-"""Its bounds forward and sideways, as shares of half a sole: 45 and 25 mm of OP3."""
+"""Bounds of this shift forward and sideways, as shares of half a sole."""
 TILT_GAIN, HIP_RATE_S, ANKLE_RATE_S = 0.5, 0.05, 0.05
-"""Turn of the hip by tilt, and of hip and ankle by angular velocity."""
+"""Turn of the hip per tilt, and of hip and ankle per angular velocity."""
 
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """What is planned of a posture, for both soles: way (2, 2) m from a sole to the mass, and its divergent component
-    (2, 2) m, along the sole's axes."""
+    """Along the axes of each sole: the offset (2, 2) m of the centre of mass, and its divergent component (2, 2) m."""
 
-    way: FloatArray
+    offset: FloatArray
     divergent: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Walked:
-    """Offset (n,) rad of a walking robot. q (nq,): the posture as it stands; joints (n,): of it; places (k, 3) m: of
-    its link masses. planned: the newest last."""
+    """Offset (n,) rad of a walking robot. q (nq,): its planted posture; joints (n,); places (k, 3) m of link masses;
+    planned: the newest last."""
 
     q: FloatArray
     joints: FloatArray
@@ -74,10 +69,10 @@ class Walked:
 
 
 class WalkingGoals:
-    """A `retarget.safety.gate.Compensation`: that of a standing robot, and while it walks its own."""
+    """A `retarget.safety.gate.Compensation` of a robot that stands or walks."""
 
     def __init__(self, robot: RobotBody, stance: Stance, standing: DeflectionCompensation, gait: Gait) -> None:
-        """standing: what it has while it stands."""
+        """standing: compensation while it stands."""
         self._robot, self._standing, self._gait, self._stance = robot, standing, gait, stance
         self._dynamics = WalkDynamics(robot, stance)
         servos, limits = robot.joint_map.servos, robot.limits
@@ -94,12 +89,12 @@ class WalkingGoals:
         self._feedback = Feedback(robot, stance, gait, self._compliance)
 
     def begin(self, posture: FloatArray) -> Offset:
-        """No offset, at rest in a posture, rad (n,)."""
+        """Return the offset at rest in a posture (n,), rad."""
         self._feedback.restart()
         return self._standing.begin(posture)
 
     def measure(self, joints: FloatArray, imu: ImuSample | None) -> None:
-        """Set what encoders (n,) rad and the IMU say in this tick."""
+        """Set the measurements of this tick: encoders (n,) rad, and IMU."""
         self._feedback.measure(joints, imu)
 
     def propose(
@@ -111,43 +106,44 @@ class WalkingGoals:
         ahead: FloatArray,
         walks: bool | None,
     ) -> tuple[FloatArray, Offset]:
-        """The goal (n,) that holds the robot in a posture (n,), rad. nearest: the goal within the gate's limits that is
-        nearest to one. ahead (n,): rad, the posture that follows. walks: whether the robot does; None: as before."""
+        """Return the goal (n,) rad that holds the robot in a posture (n,), and its offset.
+
+        nearest: maps a goal to the nearest one within the gate's limits. ahead (n,): the next posture. walks: None for
+        as before.
+        """
         walked = last.walked
         if not (walked is not None if walks is None else walks):
             if walked is not None:
                 begun = self._standing.begin(last.posture)
                 last = replace(begun, compensated=walked.offset, integrated=last.integrated, ticks=last.ticks)
             return self._standing.propose(last, posture, nearest)
-        walked = self._next(self._begun(last) if walked is None else walked, posture, ahead)
+        if walked is None:  # at rest in the posture of the last goal
+            q = self._planted(self._stance.q, last.posture)
+            walked = Walked(q, last.posture, self._dynamics.look(q).masses, last.compensated, ())
+        walked = self._next(walked, posture, ahead)
         return posture + walked.offset, replace(last, posture=posture, walked=walked)
 
-    def _begun(self, last: Offset) -> Walked:
-        """At rest in the posture of the last goal."""
-        q = self._planted(self._stance.q, last.posture)
-        return Walked(q, last.posture, self._dynamics.look(q).masses, last.compensated, ())
-
     def _planted(self, before: FloatArray, joints: FloatArray) -> FloatArray:
-        """A posture (nq,) with these joints (n,) rad, its lower sole where it was before."""
+        """Return a posture (nq,) with these joints (n,) rad, whose lower sole is in its place of `before`."""
         q = before.copy()
         q[self._robot.servo_columns] = joints
         plant_root(self._robot, before, q)
         return q
 
     def _next(self, last: Walked, posture: FloatArray, ahead: FloatArray) -> Walked:
-        """The offset a tick later, in a posture (n,), with the one that follows."""
+        """Return the offset of the next tick, for its posture (n,) and the one after."""
         dt, q = self._gait.dt, self._planted(last.q, posture)
         now, after = self._dynamics.look(q), self._dynamics.look(self._planted(q, ahead))
         accelerations = (after.masses - 2.0 * now.masses + last.places) / (dt * dt)
         speed = (ahead - last.joints) / (2.0 * dt)
         acceleration = (ahead - 2.0 * posture + last.joints) / (dt * dt)
         torque, shares = self._dynamics.torques(now, accelerations)
-        wanted = matmul(self._compliance, torque + self._armature * acceleration) + self._lag * speed
+        desired = matmul(self._compliance, torque + self._armature * acceleration) + self._lag * speed
         planned = (*last.planned, self._feedback.plan(now, last.planned[-1] if last.planned else None))[
             -self._behind - 1 :
         ]
-        wanted = wanted + self._feedback.correction(now, planned[0], shares)
-        change = np.minimum(np.maximum(wanted - last.offset, -self._most_change), self._most_change)
+        desired = desired + self._feedback.correction(now, planned[0], shares)
+        change = np.minimum(np.maximum(desired - last.offset, -self._most_change), self._most_change)
         offset = np.minimum(np.maximum(last.offset + change, -MOST_RAD), MOST_RAD)
         offset = np.minimum(np.maximum(posture + offset, self._lower), self._upper) - posture
         return Walked(q, posture, now.masses, offset, planned)
@@ -155,8 +151,8 @@ class WalkingGoals:
 
 @dataclass(frozen=True, eq=False)
 class LinkStates:
-    """A posture. masses (k, 3) m: of links; origins, axes (n, 3): of joints, in the world; soles (2, 3) m: their
-    middles; yaws (2,), yaw rad: of the soles and of the root; mass (3,) m: centre of mass."""
+    """World positions in a posture: masses (k, 3) m of links; origins, axes (n, 3) of joints; soles (2, 3) m, their
+    middles; mass (3,) m; and yaws (2,) rad of the soles, yaw of the root."""
 
     masses: FloatArray
     origins: FloatArray
@@ -168,7 +164,7 @@ class LinkStates:
 
 
 class WalkDynamics:
-    """Reads postures of one robot: what inverse dynamics needs."""
+    """Inverse dynamics of one robot's postures."""
 
     def __init__(self, robot: RobotBody, stance: Stance) -> None:
         body = robot.body
@@ -200,7 +196,7 @@ class WalkDynamics:
         self._links_beyond, self._soles_beyond = beyond[:, : len(links)], beyond[:, len(links) :]  # (n, k), (n, 2)
 
     def look(self, q: FloatArray) -> LinkStates:
-        """Read a posture (nq,)."""
+        """Return the world positions in a posture (nq,)."""
         points, turns, mass = self._probe.read(q)
         first, second = self._ends
         n = second - first
@@ -213,7 +209,7 @@ class WalkDynamics:
         return LinkStates(points[:first], points[first:second], axes, points[second:], np.array(yaws), yaw, mass)
 
     def torques(self, at: LinkStates, accelerations: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Torques (n,) N m of the joints of a posture whose link masses have accelerations (k, 3) m/s^2; and the share
+        """Return the joints' torques (n,) N m in a posture whose link masses accelerate by (k, 3) m/s^2, and the share
         (2,) of the weight on each sole."""
         forces = self._masses[:, None] * (UPWARD + accelerations)
         total, moment = forces.sum(axis=0), np.cross(at.masses, forces).sum(axis=0)
@@ -234,7 +230,7 @@ class WalkDynamics:
 
 
 class Feedback:
-    """Corrections of both legs by encoders and IMU, tick by tick."""
+    """Corrections of both legs by encoders and IMU."""
 
     def __init__(self, robot: RobotBody, stance: Stance, gait: Gait, compliance: FloatArray) -> None:
         self._robot, self._gait, self._dynamics = robot, gait, WalkDynamics(robot, stance)
@@ -249,12 +245,12 @@ class Feedback:
         self.restart()
 
     def restart(self) -> None:
-        """Nothing is measured yet."""
+        """Forget all measurements."""
         self._measured: Planned | None = None
         self._tilt, self._rate = np.zeros(3), np.zeros(3)
 
     def measure(self, joints: FloatArray, imu: ImuSample | None) -> None:
-        """Set what encoders (n,) rad and the IMU say."""
+        """Set the measurements: encoders (n,) rad, and IMU."""
         if not np.isfinite(joints).all():
             return
         q = self._stance.q.copy()
@@ -278,20 +274,19 @@ class Feedback:
         self._measured = self.plan(self._dynamics.look(q), self._measured, share=self._share)
 
     def plan(self, at: LinkStates, before: Planned | None, *, share: float = 1.0) -> Planned:
-        """The mass of a posture from both soles, after what was planned or measured `before`. share: of a new
-        velocity."""
-        ways = np.array(
+        """Return the mass of a posture from both soles, after `before`. share: weight of the new velocity."""
+        offsets = np.array(
             [yawed((at.mass - sole)[:2], -yaw) for sole, yaw in zip(at.soles, at.yaws.tolist(), strict=True)]
         )
         omega, dt = self._gait.omega, self._gait.dt
         velocity = np.zeros((2, 2))
         if before is not None:
-            known = omega * (before.divergent - before.way)
-            velocity = known + share * ((ways - before.way) / dt - known)
-        return Planned(ways, ways + velocity / omega)
+            known = omega * (before.divergent - before.offset)
+            velocity = known + share * ((offsets - before.offset) / dt - known)
+        return Planned(offsets, offsets + velocity / omega)
 
     def correction(self, at: LinkStates, planned: Planned, shares: FloatArray) -> FloatArray:
-        """Offsets (n,) rad. at: the posture now; planned: of when what is measured was to be."""
+        """Return offsets (n,) rad. at: the present posture; planned: at the time of the measurements."""
         offset, torque = np.zeros(len(at.axes)), np.zeros(len(at.axes))
         if self._measured is None:
             return offset
@@ -310,8 +305,7 @@ class Feedback:
 
 
 def _joints_near(robot: RobotBody, stance: Stance) -> tuple[list[list[int]], list[list[int]]]:
-    """Servos of the joints of each leg that are nearer to its hip, and to its ankle, than to any other of its
-    frames."""
+    """Servos of each leg whose joints are nearer to its hip, or to its ankle, than to its other frames."""
     names, origins = robot.joint_map.joints, WalkDynamics(robot, stance).look(stance.q).origins
     hips, ankles = list[list[int]](), list[list[int]]()
     legs = leg_joints(robot)

@@ -13,9 +13,9 @@ from hardware.servo import loop_lag
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import plant
 from retarget.ik.tasks import SlotKind
-from retarget.robot.asked_motion import RATE, AskedMotion, MotionFilter
+from retarget.robot.desired_motion import RATE, DesiredMotion, MotionFilter
 from retarget.robot.following_limits import following_limits
-from retarget.robot.landmarks import AskedLandmarks, RobotReader, limb_names
+from retarget.robot.landmarks import DesiredLandmarks, RobotReader, limb_names
 from retarget.rotations import Vector
 from retarget.types import FloatArray
 
@@ -44,8 +44,8 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
     hierarchy, stance = robot.hierarchy, plant(op3(), op3().profile.postures.stand)
     reader = RobotReader(op3(), stance)
     reached = reader.read(stance.q)
-    motion = AskedMotion(op3(), hierarchy, LIMITS, still=STILL, trunk_at_stance=reader.trunk_at_stance)
-    asked = AskedLandmarks(reached.landmarks, ahead(reached.limbs), reached.trunk, reached.gaze)
+    motion = DesiredMotion(op3(), hierarchy, LIMITS, still=STILL, trunk_at_stance=reader.trunk_at_stance)
+    asked = DesiredLandmarks(reached.landmarks, ahead(reached.limbs), reached.trunk, reached.gaze)
     targets = hierarchy.blank()
     for _ in range(5):
         motion.aim(targets, asked, reached, DT, speed_override=1.0)
@@ -58,11 +58,11 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
 
 def test_planted_landmarks_get_no_goals() -> None:
     robot = follower()
-    motion = AskedMotion(op3(), robot.hierarchy, LIMITS, still=STILL, trunk_at_stance=(1.0, 0.0, 0.0, 0.0))
+    motion = DesiredMotion(op3(), robot.hierarchy, LIMITS, still=STILL, trunk_at_stance=(1.0, 0.0, 0.0, 0.0))
     targets = robot.hierarchy.blank()
     stance = plant(op3(), op3().profile.postures.stand)
     reached = RobotReader(op3(), stance).read(stance.q)
-    asked = AskedLandmarks(reached.landmarks, reached.limbs, reached.trunk, reached.gaze)
+    asked = DesiredLandmarks(reached.landmarks, reached.limbs, reached.trunk, reached.gaze)
     motion.aim(targets, asked, reached, DT, speed_override=1.0)
     assert goal(robot.hierarchy, targets, "l_sole")[0] == 0.0
     assert robot.hierarchy.uses(SlotKind.POSITION, "l_sole")
@@ -172,13 +172,13 @@ def test_only_what_carries_nothing_is_led_and_is_as_fast_as_its_servos() -> None
 
     def goals(servo_lead: float) -> tuple[float, float]:
         """How far the goals of a hand and of the pelvis are ahead, m."""
-        motion = AskedMotion(
+        motion = DesiredMotion(
             op3(), hierarchy, LIMITS, still=STILL, trunk_at_stance=reader.trunk_at_stance, servo_lead=servo_lead
         )
         targets = hierarchy.blank()
         for tick in range(100):
             x = 0.05 * DT * tick
-            asked = AskedLandmarks(
+            asked = DesiredLandmarks(
                 [(a + x, b, c) for a, b, c in reached.landmarks],
                 [(a + x, b, c) for a, b, c in reached.limbs],
                 reached.trunk,

@@ -17,7 +17,7 @@ from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.tasks import SlotKind
 from retarget.model.body import JointLimits
 from retarget.model.robot import HEAD, TRUNK, RobotBody, joints_between
-from retarget.robot.landmarks import AskedLandmarks, Reached, robot_limbs, standing_dofs
+from retarget.robot.landmarks import DesiredLandmarks, Reached, robot_limbs, standing_dofs
 from retarget.rotations import Quat, arc, as_vector, inverse, product, rotated, rotation_vector, turn
 from retarget.types import FloatArray
 
@@ -89,7 +89,7 @@ def _changed(velocities: FloatArray, changes: FloatArray, most: FloatArray, gain
     return velocities + _limited(changes, np.where(slows, most, gain * most))
 
 
-class AskedMotion:
+class DesiredMotion:
     """Goals of the pelvis and other landmarks, of limbs, of the trunk and of the eyes."""
 
     def __init__(
@@ -126,11 +126,11 @@ class AskedMotion:
 
     def restart(self) -> None:
         """Start at rest, without a motion that was asked before."""
-        self._before: tuple[FloatArray, AskedLandmarks] | None = None
+        self._before: tuple[FloatArray, DesiredLandmarks] | None = None
         self._filter.restart()
 
     def aim(
-        self, targets: FloatArray, asked: AskedLandmarks, reached: Reached, dt: float, *, speed_override: float
+        self, targets: FloatArray, asked: DesiredLandmarks, reached: Reached, dt: float, *, speed_override: float
     ) -> None:
         """Write the goals of a tick of `dt` s into the target vector, for a share (0, 1] of all speeds."""
         there, here = np.array([*asked.landmarks, *asked.limbs]), np.array([*reached.landmarks, *reached.limbs])
