@@ -1,8 +1,5 @@
-"""The protocol of a datagram, by its first bytes.
-
-Facts on streams, sections 2 to 6: OSC begins with `#bundle` or an address, MVN with `MXTP`, NatNet with an id and its
-own size, mocopi with a counted `head`, Axis Studio with 0xDDFF, Rokoko Studio with JSON or an LZ4 frame of it.
-"""
+"""Recognises the protocol of a datagram by its first bytes: OSC (`#bundle` or an address), MVN (`MXTP`), NatNet (an id
+and its own size), mocopi (a counted `head`), Axis Studio (0xDDFF), Rokoko Studio (JSON or an LZ4 frame of it)."""
 
 import json
 import struct
@@ -14,17 +11,17 @@ from retarget.sources.streams.osc import OscPacket, read_osc
 from retarget.sources.streams.stream_frame import CONVENTIONS
 
 LONGEST_NAME = 60
-"""Characters of a text of the sender that are shown."""
+"""Characters of a sender's text that are shown."""
 DAMAGED = "damaged "
-"""Begins the name of a datagram that cannot be parsed."""
+"""Prefix of the name of a datagram that cannot be parsed."""
 _LZ4 = b"\x04\x22\x4d\x18"
 _AXIS_STUDIO = b"\xff\xdd"
 
 
 @dataclass(frozen=True, slots=True)
 class Recognised:
-    """What a datagram is. kind: scheme of the address that reads it, "" where none does. name: of the protocol, in
-    words. detail: the part of it, where that matters; bounded in length, with few different values."""
+    """Protocol of a datagram. kind: scheme of the address that reads it, "" if none does. name: in words. detail:
+    message type, bounded in length, with few different values."""
 
     kind: str
     name: str
@@ -37,12 +34,12 @@ class Recognised:
 
 
 def reads(kind: str, got: Recognised) -> bool:
-    """Whether an address of a kind reads such a datagram: `web://` also reads poses, of a headset."""
+    """True if an address of a kind reads such a datagram; `web://` also reads a headset's poses."""
     return got.kind == kind or (kind, got.kind) == ("web", "json")
 
 
 def recognise(datagram: bytes) -> Recognised:
-    """Recognise a datagram. Never raises."""
+    """The protocol of a datagram. Never raises."""
     if datagram.startswith((b"#bundle\0", b"/")):
         return _osc(read_osc(datagram))
     if datagram.startswith(b"MXTP"):
@@ -64,21 +61,15 @@ def _osc(packet: OscPacket) -> Recognised:
     if not addresses:
         return Recognised("", DAMAGED + "OSC", packet.dropped[0] if packet.dropped else "an empty bundle")
     if any(address.startswith("/VMC/") for address in addresses):
-        return Recognised("vmc", "VMC", _vmc(addresses))
+        devices = tuple(f"/VMC/Ext/{device}/Pos" for device in ("Hmd", "Con", "Tra"))
+        if any(address.startswith(devices) for address in addresses):
+            return Recognised("vmc", "VMC")
+        return Recognised("vmc", "VMC", "bones only" if "/VMC/Ext/Bone/Pos" in addresses else "no poses")
     if any(address.startswith("/tracking/trackers/") for address in addresses):
         return Recognised("vrchat", "VRChat OSC trackers")
     if any(address.startswith(("/avatar/", "/input/", "/chatbox/")) for address in addresses):
         return Recognised("", "VRChat OSC", "avatar parameters, no trackers")
     return Recognised("", "OSC", f"address {_shown(addresses[0])}")
-
-
-def _vmc(addresses: list[str]) -> str:
-    """Which poses of the protocol there are, in words; "" for trackers."""
-    if any(address.startswith(f"/VMC/Ext/{device}/Pos") for address in addresses for device in ("Hmd", "Con", "Tra")):
-        return ""
-    if "/VMC/Ext/Bone/Pos" in addresses:
-        return "bones only"
-    return "no poses"
 
 
 def _mvn(datagram: bytes) -> Recognised:

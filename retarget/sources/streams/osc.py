@@ -1,4 +1,4 @@
-"""Open Sound Control 1.0 (opensoundcontrol.org/spec-1_0): the messages of one datagram, bundles taken apart."""
+"""Open Sound Control 1.0 (opensoundcontrol.org/spec-1_0): the messages of one datagram, with bundles flattened."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -9,19 +9,18 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.sources.streams.stream_frame import MAX_DATAGRAM
+from retarget.sources.streams.stream_frame import MAX_DATAGRAM, TOO_LONG
 from retarget.types import FloatArray
 
-MAX_DEPTH = 4
-"""Bundles within bundles that are taken apart, the outermost counted."""
+MAX_BUNDLE_DEPTH = 4
+"""Most nested bundles, the outermost counted."""
 MAX_MESSAGES = 512
-"""Messages of one datagram; one with more is dropped. SlimeVR sends 35; bones, fingers and expressions are 200."""
+"""Most messages of one datagram. SlimeVR sends 35; bones, fingers and expressions are 200."""
 MAX_ARGUMENTS = 256
-"""Arguments of one message; one with more is dropped."""
+"""Most arguments of one message."""
 MAX_ARGUMENTS_IN_ALL = 4096
-"""Arguments of one datagram; one with more is dropped. SlimeVR sends 266, 256 poses are 2,048."""
+"""Most arguments of one datagram. SlimeVR sends 266; 256 poses are 2,048."""
 
-TOO_LONG = "datagram longer than 64 KiB"
 TOO_DEEP = "OSC bundles nested deeper than 4"
 TOO_MANY = "more than 512 OSC messages in one datagram"
 BAD_SIZE = "size of an OSC element does not fit its datagram"
@@ -32,27 +31,28 @@ TOO_MANY_ARGUMENTS = "more than 4096 OSC arguments in one datagram"
 UNKNOWN_TAG = "OSC argument of an unknown type"
 CUT_SHORT = "OSC message that ends before its arguments do"
 NOT_TEXT = "OSC text that is not UTF-8"
+UNKNOWN_ADDRESS = "OSC address that is not used"
 
 _BUNDLE = b"#bundle\0"
 _SIZE = Struct(">i")
 _NUMBERS = dict(zip("ifcrmhdt", (4, 4, 4, 4, 4, 8, 8, 8), strict=True))
 """Bytes by tag of a number: int32, float32, character, colour, MIDI, int64, float64, time tag."""
 _NO_BYTES = "TFNI[]"
-"""Tags that take no bytes: true, false, nil, infinitum, the ends of an array."""
+"""Tags without bytes: true, false, nil, infinitum, the ends of an array."""
 _READ = {"i": Struct(">i"), "f": Struct(">f"), "h": Struct(">q"), "d": Struct(">d")}
 _TRUTH = {"T": 1.0, "F": 0.0}
-"""Numbers by tag: libraries without types send 0 and 1 as integers or truths, and others as doubles."""
+"""Numbers by tag: senders without types send 0 and 1 as integers or booleans."""
 MAX_NUMBER = float(np.finfo(np.float32).max)
-"""Largest magnitude of a number: that of a float32, so that squares stay finite."""
+"""Largest magnitude of a number: that of float32, so that squares stay finite."""
 
 Number = tuple[str, int]
-"""Tag of a number, and the byte of the datagram where it begins."""
+"""Tag of a number, and its first byte in the datagram."""
 
 
 @dataclass(frozen=True, slots=True)
 class OscMessage:
-    """One message. tags: one letter an argument, without the comma. at: where each argument begins in the datagram.
-    text: the first argument that is one, "" without."""
+    """One message. tags: one letter per argument. at: first byte of each argument. text: the first text argument, "" if
+    none."""
 
     address: str
     tags: str
@@ -60,7 +60,7 @@ class OscMessage:
     text: str = ""
 
     def numbers(self, first: int, count: int) -> tuple[Number, ...]:
-        """The arguments first to first + count; none where there are fewer, or one is no number."""
+        """The arguments first to first + count; none if there are fewer, or one is no number."""
         tags = self.tags[first : first + count]
         if len(tags) < count or not (_READ.keys() | _TRUTH.keys()).issuperset(tags):
             return ()
@@ -71,10 +71,10 @@ class OscMessage:
 class OscPacket:
     """Content of one datagram.
 
-    messages: in the order of the wire. time_tags: first byte of the time tag of each bundle (they carry no time: every
-    known sender writes "immediately"). dropped: a constant reason for each part that could not be read. A datagram
-    whose sizes do not fit, or that exceeds a limit, has no messages at all: a part of it may be missing. arguments: how
-    many were decoded, dropped ones included.
+    messages: in wire order. time_tags: first byte of the time tag of each bundle, which all known senders set to
+    "immediately". dropped: a constant reason for each unreadable part. If sizes do not fit or a limit is exceeded,
+    there are no messages at all, because part of the datagram may be missing. arguments: number decoded, dropped ones
+    included.
     """
 
     messages: list[OscMessage] = field(default_factory=list)
@@ -83,19 +83,18 @@ class OscPacket:
     arguments: int = field(default=0, compare=False)
 
     def variable(self) -> list[tuple[int, int]]:
-        """Bytes of the datagram that may differ within one layout, numbers and time tags: the first byte of each, and
-        the one after its last."""
+        """Byte ranges [first, last) that may differ within one layout: numbers and time tags."""
         sent = [place for message in self.messages for place in zip(message.tags, message.at, strict=True)]
         numbers = [(at, at + _NUMBERS[tag]) for tag, at in sent if tag in _NUMBERS]
         return numbers + [(at, at + 8) for at in self.time_tags]
 
 
 class _Unreadable(Exception):
-    """This message, or the whole datagram, cannot be read; the reason is a constant."""
+    """This message, or the whole datagram, cannot be read; the text is a constant reason."""
 
 
 def read_osc(datagram: bytes) -> OscPacket:
-    """Take one datagram apart. Never raises: see `OscPacket.dropped`."""
+    """The messages of one datagram. Never raises: see `OscPacket.dropped`."""
     packet = OscPacket()
     if len(datagram) > MAX_DATAGRAM:
         return OscPacket(dropped=[TOO_LONG])
@@ -107,32 +106,28 @@ def read_osc(datagram: bytes) -> OscPacket:
 
 
 def _element(data: bytes, start: int, end: int, depth: int, packet: OscPacket) -> None:
-    """A message or a bundle. Raises _Unreadable where sizes do not fit or a bound is passed."""
+    """Read a message, or a bundle: `#bundle`, a time tag, then elements, each after its size. Raises _Unreadable if
+    sizes do not fit or a limit is exceeded."""
     if end - start < 4 or (end - start) % 4:
         raise _Unreadable(BAD_SIZE)
-    if data.startswith(_BUNDLE, start, end):
-        _bundle(data, start, end, depth, packet)
+    if not data.startswith(_BUNDLE, start, end):
+        if len(packet.messages) + len(packet.dropped) >= MAX_MESSAGES:
+            raise _Unreadable(TOO_MANY)
+        try:
+            packet.messages.append(_message(data, start, end, packet))
+        except _Unreadable as error:
+            packet.dropped.append(str(error))
+        if packet.arguments > MAX_ARGUMENTS_IN_ALL:
+            raise _Unreadable(TOO_MANY_ARGUMENTS)
         return
-    if len(packet.messages) + len(packet.dropped) >= MAX_MESSAGES:
-        raise _Unreadable(TOO_MANY)
-    try:
-        packet.messages.append(_message(data, start, end, packet))
-    except _Unreadable as error:
-        packet.dropped.append(str(error))
-    if packet.arguments > MAX_ARGUMENTS_IN_ALL:
-        raise _Unreadable(TOO_MANY_ARGUMENTS)
-
-
-def _bundle(data: bytes, start: int, end: int, depth: int, packet: OscPacket) -> None:
-    """`#bundle`, a time tag, then elements, each behind its size."""
-    if depth > MAX_DEPTH:
+    if depth > MAX_BUNDLE_DEPTH:
         raise _Unreadable(TOO_DEEP)
     at = start + 16
     if at > end:
         raise _Unreadable(BAD_SIZE)
     packet.time_tags.append(start + 8)
     while at < end:
-        size = _SIZE.unpack_from(data, at)[0]  # four bytes are there: every size so far is a multiple of four
+        size = _SIZE.unpack_from(data, at)[0]  # within the data: all sizes are multiples of four
         at += 4
         if not 0 < size <= end - at:
             raise _Unreadable(BAD_SIZE)
@@ -141,7 +136,7 @@ def _bundle(data: bytes, start: int, end: int, depth: int, packet: OscPacket) ->
 
 
 def _message(data: bytes, start: int, end: int, packet: OscPacket) -> OscMessage:
-    """Address, type tags, arguments; what follows the last argument is not looked at."""
+    """Address, type tags, arguments; bytes after the last argument are ignored."""
     if data[start] != 0x2F:
         raise _Unreadable(NO_ADDRESS)
     address, at = _text(data, start, end)
@@ -158,31 +153,24 @@ def _message(data: bytes, start: int, end: int, packet: OscPacket) -> OscMessage
         if tag in "sS":
             text, at = _text(data, at, end)
             texts.append(text)
+        elif tag == "b":  # a blob: its size, then as many bytes, padded to four
+            if at + 4 > end:
+                raise _Unreadable(CUT_SHORT)
+            size = _SIZE.unpack_from(data, at)[0]
+            if not 0 <= size <= end - at - 4:
+                raise _Unreadable(CUT_SHORT)
+            at = (at + 4 + size + 3) & ~3
+        elif tag in _NUMBERS or tag in _NO_BYTES:
+            at += _NUMBERS.get(tag, 0)
+            if at > end:
+                raise _Unreadable(CUT_SHORT)
         else:
-            at = _behind(data, at, end, tag)
+            raise _Unreadable(UNKNOWN_TAG)
     return OscMessage(address, tags[1:], tuple(places), next(iter(texts), ""))
 
 
-def _behind(data: bytes, at: int, end: int, tag: str) -> int:
-    """Where the argument behind a number, a blob (its size, and as many bytes, padded to four) or nothing begins."""
-    if tag == "b":
-        if at + 4 > end:
-            raise _Unreadable(CUT_SHORT)
-        size = _SIZE.unpack_from(data, at)[0]
-        after = (at + 4 + size + 3) & ~3
-        if not 0 <= size <= end - at - 4:
-            raise _Unreadable(CUT_SHORT)
-        return int(after)
-    if tag not in _NUMBERS and tag not in _NO_BYTES:
-        raise _Unreadable(UNKNOWN_TAG)
-    after = at + _NUMBERS.get(tag, 0)
-    if after > end:
-        raise _Unreadable(CUT_SHORT)
-    return after
-
-
 def _text(data: bytes, at: int, end: int) -> tuple[str, int]:
-    """A text that a zero ends, padded to four bytes."""
+    """A text with a NUL at its end, padded to four bytes, and the byte after it."""
     zero = data.find(b"\0", at, end)
     if zero < 0:
         raise _Unreadable(CUT_SHORT)
@@ -208,37 +196,36 @@ class OscNumbers:
     def __init__(self, numbers: Iterable[Number]) -> None:
         self._numbers = tuple(numbers)
         self._words: NDArray[np.intp] | None = None
-        """Where all are float32, as mostly: their indices among the 32-bit words of the datagram."""
+        """If all are float32: their indices among the 32-bit words of the datagram."""
         if all(tag == "f" for tag, _ in self._numbers):
             self._words = np.array([at // 4 for _, at in self._numbers], np.intp)
 
     def read(self, datagram: bytes) -> FloatArray:
-        """Return them (n,). A signalling NaN raises no warning."""
+        """The numbers (n,). A signalling NaN raises no warning."""
         if self._words is None:
             return np.array([number_in(datagram, number) for number in self._numbers])
         with np.errstate(invalid="ignore"):
             return np.frombuffer(datagram, ">f4").take(self._words).astype(np.float64)
 
 
-# Datagrams that differ in their numbers only are taken apart once: a sender's next one mostly looks like its last.
-
 MAX_REMEMBERED = 16_384
-"""Bytes of the longest datagram whose layout is remembered: all the bones, fingers and expressions of an avatar."""
+"""Bytes of the longest datagram whose layout is kept: all bones, fingers and expressions of an avatar."""
 MAX_LENGTHS = 32
-"""Lengths of datagrams that are remembered; all are forgotten when one more comes."""
+"""Most lengths of datagrams with kept layouts; one more clears all."""
 MAX_ALIKE = 16
-"""Layouts remembered of one length, the latest first: of an avatar that is sent bone by bone, 10 are of one length."""
+"""Most layouts of one length, the latest first: an avatar sent bone by bone has 10."""
 
 Plan = TypeVar("Plan")
 
 
 class OscLayouts(Generic[Plan]):
-    """Plans by the layout of a datagram: `plan` is asked once for each layout, and must not look at its numbers."""
+    """Cache of plans by datagram layout: datagrams that differ only in their numbers are parsed once. `plan` is called
+    once for each layout and must not use the numbers."""
 
     def __init__(self, plan: Callable[[OscPacket], Plan]) -> None:
         self._make = plan
         self._known: dict[int, list[tuple[NDArray[np.uint32], bytes, Plan]]] = {}
-        """By length: which bits of a datagram are no numbers, these bits, and the plan of the layout."""
+        """By length: a mask of the bits that are no numbers, these bits, and the plan."""
 
     def of(self, datagram: bytes) -> Plan:
         """The plan of this datagram's layout."""

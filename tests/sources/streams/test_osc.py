@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from osc_bytes import bundle, damaged, message, pose
 from retarget.sources.streams import osc
 from retarget.sources.streams.osc import OscLayouts, OscPacket, read_osc
+from retarget.sources.streams.stream_frame import TOO_LONG
 from retarget.sources.streams.vmc import VmcDecoder
 from retarget.sources.streams.vrchat import VrchatDecoder
 
@@ -28,7 +29,7 @@ REASONS = {
     osc.NO_TAGS,
     osc.NOT_TEXT,
     osc.TOO_DEEP,
-    osc.TOO_LONG,
+    TOO_LONG,
     osc.TOO_MANY,
     osc.UNKNOWN_TAG,
 }
@@ -61,8 +62,8 @@ def nested(depth: int) -> bytes:
 
 
 def test_bundles_to_depth_four() -> None:
-    assert [m.address for m in read_osc(nested(osc.MAX_DEPTH)).messages] == ["/deep"]
-    assert read_osc(nested(osc.MAX_DEPTH + 1)) == OscPacket(dropped=[osc.TOO_DEEP])
+    assert [m.address for m in read_osc(nested(osc.MAX_BUNDLE_DEPTH)).messages] == ["/deep"]
+    assert read_osc(nested(osc.MAX_BUNDLE_DEPTH + 1)) == OscPacket(dropped=[osc.TOO_DEEP])
     mixed = bundle(message("/a", ""), bundle(message("/b", "")), message("/c", ""))
     assert [m.address for m in read_osc(mixed).messages] == ["/a", "/b", "/c"]
 
@@ -115,7 +116,7 @@ def test_the_arguments_of_all_messages_are_bounded(tag: str) -> None:
     packet = read_osc(bundle(*[one] * 100))
     assert (packet.messages, packet.dropped) == ([], [osc.TOO_MANY_ARGUMENTS])
     assert packet.arguments <= osc.MAX_ARGUMENTS_IN_ALL + each
-    assert read_osc(bytes(65_540)) == OscPacket(dropped=[osc.TOO_LONG])
+    assert read_osc(bytes(65_540)) == OscPacket(dropped=[TOO_LONG])
     assert len(read_osc(message("/x", "T" * osc.MAX_ARGUMENTS)).messages) == 1
 
 

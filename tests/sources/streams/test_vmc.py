@@ -11,6 +11,7 @@ from people import place
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.rotations import angle_between, from_rotation_vector, multiply
+from retarget.sources.streams.osc import UNKNOWN_ADDRESS
 from retarget.sources.streams.stream_frame import StreamFrame
 from retarget.sources.streams.vmc import (
     BAD_POSE,
@@ -18,7 +19,6 @@ from retarget.sources.streams.vmc import (
     BAD_STAMP,
     BODY_BONES,
     OPTIONAL,
-    UNKNOWN_ADDRESS,
     UNKNOWN_BONE,
     WRONG_ARGUMENTS,
     VmcBodyDecoder,

@@ -5,12 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from osc_bytes import bundle, message
-from retarget.sources.streams.vrchat import (
-    NOT_A_TRACKER,
-    UNKNOWN_ADDRESS,
-    WRONG_ARGUMENTS,
-    VrchatDecoder,
-)
+from retarget.sources.streams.osc import UNKNOWN_ADDRESS
+from retarget.sources.streams.vrchat import NOT_A_TRACKER, WRONG_ARGUMENTS, VrchatDecoder
 
 
 def at(tracker: str, *numbers: float) -> bytes:
