@@ -1,5 +1,4 @@
-"""All servos of a robot on their Dynamixel buses, as a `hardware.bus.ServoBus`; and a reader of them that writes
-nothing."""
+"""All servos of a robot on their Dynamixel buses, as a `hardware.bus.ServoBus`; and a reader that writes nothing."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -26,23 +25,23 @@ MakePort = Callable[[BusSpec], BytePort]
 """From a bus of the profile to its port."""
 
 FIRST_CYCLES = 5
-"""Cycles in which servos that do not answer are waited for, at opening and before torque comes on."""
+"""Largest number of cycles that wait for silent servos, at opening and before torque comes on."""
 NOISY_CYCLES = 50
-"""Cycles in a row with repeated requests after which there is a note."""
+"""Consecutive cycles with repeated requests that cause a note."""
 
 
 class CyclicImu:
-    """The IMU of a robot within the cycles of its bus. port: a serial line of its own; None: it is on one of `lines`.
+    """The IMU of a robot within the cycles of its bus. port: its own serial line; None: it is on one of `lines`.
 
-    Where goals drive the servos, it is asked behind them, and its answer is taken before anything else is sent; else it
-    is asked when the servos have answered. notify: told once of each fault. Raises BusError only where a bus is gone.
+    With goals, it is asked after them, and its answer is taken before anything else is sent; otherwise it is asked
+    after the servos. notify: receives each fault once. Raises BusError only when a bus is gone.
     """
 
     def __init__(
         self, spec: ImuSpec, lines: Sequence[BusLine], make_port: MakePort, notify: Callable[[str], object]
     ) -> None:
-        self._baud, self._notify, self._told = spec.baud, notify, set[ImuFault]()
-        self._asked = self._answers = self._late = False
+        self._baud, self._notify, self._notified = spec.baud, notify, set[ImuFault]()
+        self._requested = self._answers = self._late = False
         self._since = np.inf  # [s] from when on there are answers
         self.port: BytePort | None = None
         self.device: ImuDevice
@@ -54,21 +53,20 @@ class CyclicImu:
             self.device = OpenCrImu(line, spec)
 
     def open(self) -> None:
-        """Open its own port, if it has one."""
+        """Open its own port, if any."""
         if self.port is not None:
             self.port.open(self._baud)
 
     def post(self) -> None:
-        """Ask, behind the goals; a host that had to wait for the last answer has no time left, and asks every second
-        time."""
+        """Request a measurement after the goals. A host that had to wait for the last answer skips one."""
         self.finish()
         if not self._late:
             self.device.post()
-            self._asked = self._answers = True
+            self._requested = self._answers = True
         self._late = False
 
     def finish(self) -> None:
-        """Take the answer that is on its way: until then nothing else may be sent."""
+        """Take the pending answer, before which nothing else may be sent."""
         if self._answers:
             self._answers = False
             try:
@@ -77,24 +75,25 @@ class CyclicImu:
                 if self.port is None:
                     raise
 
-    def sample(self, now: float, *, ask: bool = True) -> ImuSample:
-        """The newest measurement at the end of a cycle that began at `now`, s. ask: for a new one, and wait for it."""
-        if ask:
+    def sample(self, now: float, *, request: bool = True) -> ImuSample:
+        """Return the newest measurement at the end of a cycle that began at `now`, s. request: request a new one and
+        wait."""
+        if request:
             self._late = False
             self.post()
             self.finish()
             self._late = False
         sample, fault = self.device.tracker.sample(now), self.device.tracker.fault
-        self._since = min(self._since, now if self._asked else np.inf)
-        if fault is not None and fault not in self._told and now > self._since + FRESH:
-            self._told.add(fault)
+        self._since = min(self._since, now if self._requested else np.inf)
+        if fault is not None and fault not in self._notified and now > self._since + FRESH:
+            self._notified.add(fault)
             with suppress(OSError):  # a lost terminal is no failure of the bus
                 self._notify(f"the IMU {fault.value}: nothing is known of the robot's tilt meanwhile")
         return sample
 
     def rest(self) -> None:
-        """It is not asked for a while: that it has nothing new is no fault."""
-        self._asked, self._since = False, np.inf
+        """Pause: no new data are no fault."""
+        self._requested, self._since = False, np.inf
 
     def close(self) -> None:
         """Close its own port."""
@@ -104,7 +103,7 @@ class CyclicImu:
 
 
 class BusState(Enum):
-    """The state of all ports of a robot."""
+    """State of all ports of a robot."""
 
     CLOSED = "closed"
     OPEN = "open"
@@ -112,11 +111,10 @@ class BusState(Enum):
 
 
 class DynamixelBus:
-    """All buses of a robot, in parallel: each cycle asks on every port before it waits on any.
+    """All buses of a robot. Each cycle sends on every port before it waits on any.
 
-    A servo without an answer keeps its values and is marked; a port that is gone raises BusError. Torque comes on by a
-    ramp, and only where everything was found and written as the profile wants. imu: read with the servos; None: there
-    is none. notify: receives notes, a text each.
+    A port that is gone raises BusError. Torque comes on by a ramp, and only if all servos were found and provisioned.
+    notify: receives notes.
     """
 
     def __init__(
@@ -135,7 +133,7 @@ class DynamixelBus:
         self.lines = tuple(BusLine(bus, make_port(bus), own) for bus, own in placed if own)
         """Each bus with its port."""
         self.imu = None if imu is None else CyclicImu(imu, self.lines, make_port, notify)
-        """What is read with the servos."""
+        """The IMU read with the servos; None without one."""
         self._readings: Readings
         self._goals: TickArray | None = None
         self._only_read = False  # since the last goals that drive servos
@@ -145,14 +143,14 @@ class DynamixelBus:
 
     @property
     def retries(self) -> int:
-        """Requests that had to be repeated since the bus was opened."""
+        """Requests repeated since the bus was opened."""
         return sum(line.cyclic.errors.retries for line in self.lines)
 
     def open(self) -> None:
-        """Open the ports, look at every servo, write what the profile wants. Torque stays as it is.
+        """Open the ports, examine every servo, write the profile's values. Torque stays as it is.
 
-        Raises BusError with every problem of all ports at once; then nothing was written to a servo. Where a servo
-        refuses a value, the message says what others have taken by then.
+        Raises BusError with all problems of all ports, before any servo is written. If a servo refuses a value, the
+        message lists what others have taken.
         """
         if self._state is not BusState.CLOSED:
             raise BusError("the bus is open already", where="bus, open", then="Call close first")
@@ -172,14 +170,14 @@ class DynamixelBus:
         self._state = BusState.OPEN
 
     def read(self) -> ServoStates:
-        """One cycle of all ports. From the second one in a row on, without goals that drive servos, the IMU is waited
-        for: the first may be the posture that the robot is to hold, and that must not wait."""
+        """Run one cycle of all ports. It waits for the IMU from the second consecutive read without goals on: the first
+        may be the posture to hold, which must not be delayed."""
         self._require_open("read")
-        ask, self._only_read = self._only_read, True
-        return self._cycle(ask_imu=ask)
+        request, self._only_read = self._only_read, True
+        return self._cycle(request_imu=request)
 
     def write(self, goals: ServoGoals) -> None:
-        """Send goal positions, one sync write for each port. Raises BusError for ticks that a servo does not have."""
+        """Send goals, one sync write per port. Raises BusError for ticks that a servo does not have."""
         self._require_open("write")
         ticks = goals.ticks
         self._map.check_goals(ticks, where="bus, write")
@@ -193,8 +191,8 @@ class DynamixelBus:
             self._only_read = False
 
     def limit_drive(self, share: float) -> None:
-        """Limit the drive of the servos that have torque, in a packet a port. Raises BusError when closed, or when a
-        port is gone."""
+        """Limit the drive of servos with torque, one packet per port. Raises BusError when closed, or when a port is
+        gone."""
         self._require_open("limit_drive")
         self._finish_imu()
         driven = self._readings.driven
@@ -202,7 +200,7 @@ class DynamixelBus:
             drive.limit(share, driven)
 
     def torque(self, on: bool) -> None:
-        """Switch the torque of all servos; on, it rises within half a second. Raises BusError, see `ServoBus`."""
+        """Switch the torque of all servos. It rises within half a second. Raises BusError, see `ServoBus`."""
         self._require_open("torque")
         self._only_read = False
         if not on:
@@ -222,8 +220,8 @@ class DynamixelBus:
             raise
 
     def close(self) -> None:
-        """Torque that this bus switched on goes off; then the ports are closed. Raises BusError for servos that do not
-        confirm it."""
+        """Switch off torque that this bus switched on, then close the ports. Raises BusError for servos that do not
+        confirm."""
         if self._state is BusState.CLOSED:
             return
         try:
@@ -234,7 +232,7 @@ class DynamixelBus:
             self._close_ports()
 
     def _examine(self) -> list[Opening]:
-        """Open and examine every port, also after a problem of another one."""
+        """Open and examine every port, also after a problem of another."""
         found = []
         for line in self.lines:
             try:
@@ -250,7 +248,7 @@ class DynamixelBus:
         return found
 
     def _begin(self) -> None:
-        """Read all servos once, and find the turns that servos of many turns have forgotten."""
+        """Read all servos once, and find forgotten turns."""
         servos = self._map.servos
         tables = {line.index_of[device]: image.table for line in self.lines for device, image in line.images.items()}
         self._readings = Readings([tables[index] for index in range(len(servos))])
@@ -263,15 +261,12 @@ class DynamixelBus:
             self._count_turns(np.flatnonzero(valid).tolist())
 
     def _count_turns(self, columns: Iterable[int]) -> None:
-        """Find the whole turns of servos (places in servo order) that may have forgotten them.
-
-        Raises BusError for those whose turns are not known.
-        """
+        """Find the whole turns of the servos `columns`. Raises BusError for those that are ambiguous."""
         states = self._readings.states(self.lines[0].port.now())
         shown, turns = states.position - self._readings.turns, self._readings.turns.copy()
-        wanted, problems = set(columns), list[str]()
+        affected, problems = set(columns), list[str]()
         for group in turn_groups(self._map):
-            if not wanted.intersection(group):
+            if not affected.intersection(group):
                 continue
             self._counted[group] = False
             try:
@@ -283,12 +278,12 @@ class DynamixelBus:
         if problems:
             raise BusError(" ".join(problems))
 
-    def _cycle(self, *, ask_imu: bool = False) -> ServoStates:
-        """One cycle of all ports; now and then with voltage and temperature. ask_imu: and wait for its answer."""
+    def _cycle(self, *, request_imu: bool = False) -> ServoStates:
+        """Run one cycle of all ports. request_imu: wait for a new IMU sample."""
         now = self.lines[0].port.now()
         self._finish_imu()
         read_cycle(self.lines, self._readings, wide=self._readings.slow.due(now, self._readings.valid))
-        imu = None if self.imu is None else self.imu.sample(now, ask=ask_imu)
+        imu = None if self.imu is None else self.imu.sample(now, request=request_imu)
         errors = [line.cyclic.errors for line in self.lines]
         repeated = sum([one.note(now) for one in errors])
         share = max(one.share for one in errors)
@@ -306,7 +301,7 @@ class DynamixelBus:
             self.imu.finish()
 
     def _cycle_of_all(self) -> ServoStates:
-        """Run cycles until every servo has answered in one, FIRST_CYCLES at most. Returns the states of the last."""
+        """Run up to FIRST_CYCLES cycles until all servos answer in one. Return the last states."""
         states = self._cycle()
         for _ in range(FIRST_CYCLES - 1):
             if states.complete:
@@ -315,7 +310,7 @@ class DynamixelBus:
         return states
 
     def _torque_on(self) -> None:
-        """Provision servos that have restarted, check goals, arm watchdogs, then let the drive rise."""
+        """Provision servos that have restarted, check goals, arm watchdogs, then raise the drive."""
         if self._goals is None:
             raise BusError("no goals were sent", where="bus, torque on", then="Send the present posture first")
         ready = prepare(self.lines, self._notify)
@@ -330,10 +325,7 @@ class DynamixelBus:
         raise_drive(self.lines, drives, self._watch_rise)
 
     def _recount(self, ready: Sequence[Ready]) -> None:
-        """Count the turns of limp servos again, and of those that were not counted yet.
-
-        Raises BusError where they are not known, or have changed.
-        """
+        """Count the turns of limp and uncounted servos again. Raises BusError if they are unknown or have changed."""
         states = self._cycle_of_all()
         if not states.complete:
             silent = [servo.label for servo, valid in zip(self._map.servos, states.valid, strict=True) if not valid]
@@ -351,7 +343,7 @@ class DynamixelBus:
             )
 
     def _watch_rise(self) -> None:
-        """Run a cycle while torque rises. Raises BusError for a servo that has an error or loses its torque."""
+        """Run a cycle while torque rises. Raises BusError for a servo with an error or without torque."""
         states = self._cycle()
         wrong = np.flatnonzero(states.alert.astype(bool) | ~states.driven)
         if wrong.size:
@@ -381,18 +373,16 @@ class DynamixelBus:
             raise BusError("the bus is closed", where=f"bus, {action}", then="Call open first")
 
 
-# Reading servos without setting them up: no register is written, torque stays as it is.
-
 KEPT = 500
 """Cycles over which times are measured."""
 TORQUE_PERIOD = 0.2
 """[s] Between two reads of the torque of all servos."""
 TORQUE_AGE = 1.0
-"""[s] After its last answer, the torque of a servo is no longer known."""
+"""[s] Age of the last answer beyond which a servo's torque is unknown."""
 
 
 class BusWatch:
-    """The servos of lines with open ports. imu: read with them. losses (n,): cycles in which a servo did not answer."""
+    """Reads the servos of open lines, and writes no register. losses (n,): cycles without an answer from a servo."""
 
     def __init__(self, lines: Sequence[BusLine], imu: CyclicImu | None = None) -> None:
         self._lines, self._imu = lines, imu
@@ -414,16 +404,16 @@ class BusWatch:
 
     @property
     def retries(self) -> int:
-        """Requests that had to be repeated."""
+        """Repeated requests."""
         return sum(line.cyclic.errors.retries for line in self._lines)
 
     def times(self) -> tuple[float, float]:
-        """Median and 99th percentile of the cycles' times, s."""
+        """Return the median and 99th percentile of the cycle times, s."""
         low, high = np.percentile(self._times, (50, 99)) if self._times else (np.nan, np.nan)
         return float(low), float(high)
 
     def read(self) -> ServoStates:
-        """One cycle of all ports, with voltage and temperature. Raises BusError when a port is gone."""
+        """Run one cycle with voltage and temperature. Raises BusError when a port is gone."""
         begun = self._lines[0].port.now()
         look = begun >= self._looked + TORQUE_PERIOD
         self._looked = begun if look else self._looked

@@ -2,8 +2,8 @@
 rate.
 
 A missing servo silences those that answer after it, so it is asked last from the next request on. After LOST_AFTER
-cycles it is left out, and looked for every PROBE_PERIOD. Where no servo answers at all, the line is silent: that cycle
-is short, and all servos are asked again in the next one.
+cycles it is left out, and probed every PROBE_PERIOD. On a silent line the cycle is short, and the next one asks all
+servos again.
 """
 
 from collections import deque
@@ -41,19 +41,18 @@ from hardware.dynamixel.settings import ServoImage
 from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
 from hardware.servo import Layout, ServoSpec
 
-# Group reads of several servos. Nothing waits longer than needed. The SDK throws away every answer of a group when one
-# is missing, and hides error bytes; here each answer counts by itself.
+# Group reads of several servos. Unlike in the SDK, each answer counts by itself, with its error byte.
 
 TURNAROUND = 100e-6
-"""[s] That a servo may take, in addition to its return delay, before it answers."""
-SLACK = 1e-3
-"""[s] That this machine, or the adapter's driver, may be late."""
+"""[s] Time that a servo may need, beyond its return delay, before it answers."""
+HOST_SLACK = 1e-3
+"""[s] Possible delay of this machine or the adapter's driver."""
 MAX_IDS = 100
-"""Servos asked in one request; their answers fit any adapter's buffer."""
+"""Servos per request, so that their answers fit any adapter's buffer."""
 
 
 class Timeouts(NamedTuple):
-    """s: from sending to the first byte; between bytes; from sending to the last byte."""
+    """[s] From sending to the first byte; between bytes; from sending to the last byte."""
 
     first: float
     idle: float
@@ -61,19 +60,19 @@ class Timeouts(NamedTuple):
 
 
 class ReadKind(Enum):
-    """How several servos are asked at once."""
+    """Instructions that read servos."""
 
     FAST = "fast sync read"
     SYNC = "sync read"
     BULK1 = "bulk read, protocol 1.0"
     SINGLE1 = "read, protocol 1.0"
-    """One servo: those that know no group read."""
+    """One servo that supports no group read."""
     SINGLE2 = "read, protocol 2.0"
     """One device that is no servo."""
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class ReadRequest:
     """A request for `size` bytes from `address` of each of the servos `ids`, in this order."""
 
     kind: ReadKind
@@ -83,11 +82,11 @@ class Ask:
 
     @property
     def protocol(self) -> int:
-        """Of request and answers."""
+        """Protocol of the request and its answers."""
         return 1 if self.kind in (ReadKind.BULK1, ReadKind.SINGLE1) else 2
 
-    def request(self) -> bytes:
-        """The bytes to send."""
+    def packet(self) -> bytes:
+        """Return the bytes to send."""
         if self.kind is ReadKind.SINGLE1:
             return protocol1.read(self.ids[0], self.address, self.size)
         if self.kind is ReadKind.BULK1:
@@ -97,23 +96,23 @@ class Ask:
         return protocol2.sync_read(self.address, self.size, self.ids, fast=self.kind is ReadKind.FAST)
 
     def bytes_of(self, count: int) -> int:
-        """Bytes of the first `count` answers, but for what stuffing adds."""
+        """Return the bytes of the first `count` answers, without stuffing."""
         if self.kind is ReadKind.FAST:
             return BEFORE_PARTS + count * (self.size + PART_OVERHEAD) if count else 0
         overhead = CODECS[self.protocol].STATUS_BYTES
         return count * (overhead + self.size)
 
-    def timeouts(self, port: BytePort, return_delay: float) -> "Timeouts":
-        """How long the answers may take; return_delay: of each servo, s."""
-        sending, coming = (10 * count / port.baud for count in (len(self.request()), self.bytes_of(len(self.ids))))
+    def timeouts(self, port: BytePort, return_delay: float) -> Timeouts:
+        """Return the timeouts of the answers. return_delay: of each servo, s."""
+        sending, coming = (10 * count / port.baud for count in (len(self.packet()), self.bytes_of(len(self.ids))))
         pause = return_delay + TURNAROUND
         # An adapter may hand over an answer in one piece, when it is whole.
-        idle = pause + 10 * self.bytes_of(1) / port.baud + port.latency + SLACK
+        idle = pause + 10 * self.bytes_of(1) / port.baud + port.latency + HOST_SLACK
         waits = 0 if self.kind is ReadKind.FAST else len(self.ids) - 1  # return delays of servos, one after the other
         return Timeouts(sending + idle, idle, sending + coming + waits * pause + idle)
 
     def answers(self, received: bytes) -> Answers:
-        """The valid answers in the bytes received so far, each servo at most once."""
+        """Return the valid answers in the bytes received so far, each servo at most once."""
         if self.kind is ReadKind.FAST:
             return whole_reply(received, self.ids, self.size) or side_by_side(self._parts(received))
         found: dict[int, Status] = {}
@@ -130,10 +129,8 @@ class Ask:
         return side_by_side(list(found.values()))
 
     def _parts(self, received: bytes) -> list[Status]:
-        """Valid parts of the fast reply, searched at every header: an echo or a stale answer may precede it.
-
-        Any order will do: a request is repeated in another one, and the answer to the first may still come.
-        """
+        """Return the valid parts of a fast reply in any order, since the answer to an earlier, differently ordered
+        request may come. Every header is tried: an echo or a stale answer may precede it."""
         best: list[Status] = []
         at = received.find(protocol2.HEADER)
         while at >= 0 and len(best) < len(self.ids):
@@ -145,23 +142,22 @@ class Ask:
 
 
 def _refused(status: Status) -> bool:
-    """Whether a 2.0 servo refuses: its data are then not valid."""
     return bool(status.error & ~ALERT)
 
 
 class Received(NamedTuple):
-    """Valid answers, and whether there were other bytes: a damaged answer."""
+    """Valid answers, and True if there were other bytes: a damaged answer."""
 
     answers: Answers
     noise: bool
 
 
-def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Received:
-    """Receive the answers to a request sent at `sent`, s: all of them, or those that came before the line was silent.
+def collect(port: BytePort, request: ReadRequest, sent: float, timeouts: Timeouts) -> Received:
+    """Receive the answers to a request sent at `sent`, s, until they are complete or the line is silent.
 
     Raises BusError when the port is gone.
     """
-    received, enough = b"", ask.bytes_of(len(ask.ids))
+    received, enough = b"", request.bytes_of(len(request.ids))
     end = sent + timeouts.whole
     deadline = min(sent + timeouts.first, end)
     while port.wait(deadline):
@@ -169,7 +165,7 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Receiv
         if data:
             received += data
             now = port.now()
-            if ask.kind is ReadKind.FAST and len(received) < enough:
+            if request.kind is ReadKind.FAST and len(received) < enough:
                 # One frame has no pauses: waiting for each piece would wake this process once for each servo.
                 coming = 10 * (enough - len(received)) / port.baud
                 port.sleep_until(min(now + coming, now + timeouts.idle))
@@ -178,27 +174,24 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Receiv
                 now += 10 * len(data) / port.baud  # when the last of them came, at the earliest
             deadline = min(now + timeouts.idle, end)
         if len(received) >= enough:
-            answers = ask.answers(received)
-            if len(answers) == len(ask.ids):
+            answers = request.answers(received)
+            if len(answers) == len(request.ids):
                 return Received(answers, False)
             # All bytes are there; damaged ones are not sent again. (Stuffing makes other answers longer.)
-            if ask.kind is ReadKind.FAST and len(_without_echo(received, ask)) >= enough:
+            if request.kind is ReadKind.FAST and len(_without_echo(received, request)) >= enough:
                 return Received(answers, True)
-    answers = ask.answers(received)
-    return Received(answers, len(_without_echo(received, ask)) > ask.bytes_of(len(answers)))
+    answers = request.answers(received)
+    return Received(answers, len(_without_echo(received, request)) > request.bytes_of(len(answers)))
 
 
-def _without_echo(received: bytes, ask: Ask) -> bytes:
-    """The bytes without the echo of the request, which some adapters give back."""
-    return received.removeprefix(ask.request())
-
-
-# Registers side by side that a group read fetches in one go, as named values.
+def _without_echo(received: bytes, request: ReadRequest) -> bytes:
+    return received.removeprefix(request.packet())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """`size` bytes from `address`. dtype: the registers in them by name, little-endian, at their offsets."""
+    """Adjacent registers, `size` bytes from `address`. dtype: the registers by name, little-endian, at their
+    offsets."""
 
     address: int
     size: int
@@ -206,16 +199,16 @@ class Block:
 
     @property
     def layout(self) -> tuple[int, "np.dtype[np.void]"]:
-        """What makes two blocks the same."""
+        """Key of equal blocks."""
         return self.address, self.dtype
 
     def unpack(self, answers: Answers) -> NDArray[np.void]:
-        """A row (k,) of named values for each answer."""
+        """Return a row (k,) of named values for each answer."""
         return np.frombuffer(answers.data, dtype=self.dtype)
 
 
 def block_of(table: ControlTable, first: str, last: str) -> Block:
-    """The registers of a table from `first` to `last`. Raises HardwareError where the table does not have them."""
+    """Return the registers of a table from `first` to `last`. Raises HardwareError for a missing one."""
     begin, end = table[first], table[last]
     inside = [register for register in table.registers if begin.address <= register.address <= end.address]
     size = end.address + end.size - begin.address
@@ -228,15 +221,9 @@ def block_of(table: ControlTable, first: str, last: str) -> Block:
     return Block(begin.address, size, dtype)
 
 
-# Goal positions of all servos of a port as one sync write: only the goals change from cycle to cycle.
-#
-# A goal switches the torque of a 1.0 servo on (field knowledge, in no manual), and may do so in all of the older
-# layout. No goal is sent to one that is limp or may have restarted.
-
-
 @dataclass(frozen=True, slots=True)
 class Wired:
-    """One servo on a port: its place in servo order, its id, its control table."""
+    """One servo on a port: its index in servo order, its id, its control table."""
 
     index: int
     id: int
@@ -244,28 +231,28 @@ class Wired:
 
 
 class GoalPacket:
-    """One sync write to the servos of a port that keep their goal position in one place. wakes: whether a goal may
-    switch their torque on."""
+    """A sync write to servos with equal goal registers. wakes: a goal may switch their torque on (1.0: field knowledge,
+    in no manual; assumed for the older layout), so limp servos get none."""
 
     def __init__(self, protocol: int, address: int, size: int, wakes: bool, servos: Sequence[Wired]) -> None:
         self._codec, self._wakes = CODECS[protocol], wakes
-        self._who = np.array([servo.index for servo in servos])
+        self._columns = np.array([servo.index for servo in servos])
         self._rows = np.zeros(len(servos), dtype=[("id", "u1"), ("goal", f"<i{size}")])
         self._rows["id"] = [servo.id for servo in servos]
         self._span = self._codec.number(address) + self._codec.number(size)
 
     def packet(self, ticks: NDArray[np.int64], driven: BoolArray) -> bytes:
-        """The packet for goals (n,) of the whole robot, in ticks; empty when no servo is to get one. driven (n,): which
-        servos have torque."""
+        """Return the packet for goals (n,) of the whole robot, ticks; empty without servos. driven (n,): servos with
+        torque."""
         rows = self._rows
-        rows["goal"] = ticks[self._who]
+        rows["goal"] = ticks[self._columns]
         if self._wakes:
-            rows = rows[driven[self._who]]
+            rows = rows[driven[self._columns]]
         return self._codec.frame(BROADCAST, Instruction.SYNC_WRITE, self._span + rows.tobytes()) if rows.size else b""
 
 
 def goal_packets(servos: Sequence[Wired]) -> list[GoalPacket]:
-    """The packets: one for each place where servos keep their goal position."""
+    """Return one packet for each place of a goal register."""
     places: dict[tuple[int, int, int, bool], list[Wired]] = {}
     for servo in servos:
         goal, wakes = servo.table["goal_position"], servo.table.layout is Layout.OLDER
@@ -274,21 +261,21 @@ def goal_packets(servos: Sequence[Wired]) -> list[GoalPacket]:
 
 
 RETRIES = 3
-"""Times that a request without an answer is repeated in the same cycle."""
+"""Repetitions of an unanswered request within a cycle."""
 MOST_UNANSWERED = 3
-"""Requests after which a cycle without any byte ends: silence must not take the time of the next cycle."""
+"""Unanswered requests after which a cycle without any byte ends, so that silence does not delay the next cycle."""
 LOST_AFTER = 3
-"""Cycles without an answer after which a servo is no longer asked in every cycle."""
+"""Silent cycles after which a servo is no longer asked in every cycle."""
 PROBE_PERIOD = 0.1
-"""[s] Between two looks for lost servos."""
+"""[s] Between two probes for lost servos."""
 MAX_TRANSACTIONS = 1000
-"""Requests that are kept ready-made."""
+"""Size of the cache of requests."""
 NOISY = 1.0
-"""[s] For which goals are sent twice after a damaged answer."""
+"""[s] Time after a damaged answer in which goals are sent twice."""
 TWICE_WITHIN = 1.5e-3
-"""[s] Goals are sent twice only if their packet takes no longer."""
+"""[s] Longest goal packet that is sent twice."""
 STATUS_EVERY = 4
-"""Cycles between two looks at one servo's torque, errors and watchdog, each servo in its turn."""
+"""Cycles between two status reads of one servo, in turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -304,14 +291,12 @@ class Group:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transaction:
-    """One request that is due, for a group's values or (names None) for the status of one servo.
+    """One request that is due, for a group's values or (names None) for a servo's status. columns: of its servos in
+    servo order. again: the block to request after a missing answer."""
 
-    who: places in servo order of the servos that are asked. again: the block that is asked when an answer is missing.
-    """
-
-    ask: Ask
-    who: NDArray[np.int64]
-    request: bytes
+    request: ReadRequest
+    columns: NDArray[np.int64]
+    packet: bytes
     timeouts: Timeouts
     block: Block
     again: Block
@@ -320,54 +305,46 @@ class Transaction:
 
 
 class Wire:
-    """Sends on one port. asked: when the last request began to be on the wire, s."""
+    """Sends on one port. requested_at: when the last request began to be on the wire, s."""
 
     def __init__(self, port: BytePort) -> None:
         self.port = port
-        self.asked = -np.inf
+        self.requested_at = -np.inf
         self._free = -np.inf  # [s] when the last packets without an answer have left the wire
         self._noisy_until = -np.inf  # [s]
 
     def post(self, packet: bytes) -> None:
-        """Send a packet that no servo answers. Raises BusError."""
+        """Send a packet without an answer. Raises BusError."""
         self.port.write(packet)
         self._free = max(self.port.now(), self._free) + 10 * len(packet) / self.port.baud
 
     def post_goals(self, packet: bytes) -> None:
-        """Send goals; after a damaged answer twice, since no answer would show that a goal was lost. Raises
-        BusError."""
+        """Send goals, twice after a damaged answer, since no answer would show a lost goal. Raises BusError."""
         self.post(packet)
         if self.port.now() < self._noisy_until and 10 * len(packet) / self.port.baud < TWICE_WITHIN:
             self.post(packet)
 
-    def ask(self, request: bytes) -> None:
+    def request(self, packet: bytes) -> None:
         """Send a request. Raises BusError."""
         self.port.drop()
-        self.port.write(request)
-        self.asked = max(self.port.now(), self._free)  # goals may still be on the wire
+        self.port.write(packet)
+        self.requested_at = max(self.port.now(), self._free)  # goals may still be on the wire
 
     def note_damage(self) -> None:
-        """An answer came damaged."""
+        """Note a damaged answer."""
         self._noisy_until = self.port.now() + NOISY
 
 
-class LineState(Enum):
-    """Whether anything answered in the last cycle."""
-
-    ANSWERING = "answering"
-    SILENT = "silent"
-
-
 class MissingServos:
-    """The servos of a port that do not answer. `ids`: all servos of the port.
+    """The silent servos of a port. ids: all its servos.
 
-    strikes: cycles in a row without an answer, of silent servos. first: of this cycle, the first that did not answer,
-    each time.
+    strikes: consecutive cycles without an answer, by id. first: ids that were the first silent one of a request in this
+    cycle.
     """
 
     def __init__(self, ids: Sequence[int]) -> None:
         self._ids = tuple(ids)
-        self._line = LineState.ANSWERING
+        self._line_is_silent = False  # in the last cycle
         self._probed = -np.inf  # [s]
         self.strikes: dict[int, int] = {}
         self.first: set[int] = set()
@@ -376,29 +353,28 @@ class MissingServos:
         return device in self.first or device in self.strikes
 
     def late(self, now: float, cycle: int) -> list[int]:
-        """Those that did not answer before and are asked in this cycle all the same, the newest first. Of lost ones it
-        is one in turn, once every PROBE_PERIOD. now: s."""
+        """Return the silent servos to ask last in this cycle, the newest first: those not yet lost, and one lost servo
+        in turn every PROBE_PERIOD. now: s."""
         lost = [device for device in self._ids if self.strikes.get(device, 0) >= LOST_AFTER]
         probe = None
         if lost and now >= self._probed + PROBE_PERIOD:
             self._probed, probe = now, lost[cycle % len(lost)]
-        asked = [
+        due = [
             device
             for device in self._ids
-            if device in self.strikes
-            and (self._line is LineState.SILENT or self.strikes[device] < LOST_AFTER or device == probe)
+            if device in self.strikes and (self._line_is_silent or self.strikes[device] < LOST_AFTER or device == probe)
         ]
-        return sorted(asked, key=self.strikes.__getitem__)
+        return sorted(due, key=self.strikes.__getitem__)
 
     def end(self, answered: Collection[int]) -> tuple[list[int], list[int]]:
-        """End a cycle in which these answered. Return those that are back, and those of them that were lost."""
+        """End a cycle. Return the servos that are back, and those of them that were lost."""
         strikes, back, restarted = self.strikes, list[int](), list[int]()
-        before, self._line = self._line, LineState.ANSWERING if answered else LineState.SILENT
+        was_silent, self._line_is_silent = self._line_is_silent, not answered
         for device in self._ids:
             if device not in answered:
                 if device in self.first:
                     strikes[device] = strikes.get(device, 0) + 1
-            elif device in strikes or before is LineState.SILENT:
+            elif device in strikes or was_silent:
                 back.append(device)
                 if strikes.pop(device, 0) >= LOST_AFTER:
                     restarted.append(device)
@@ -406,7 +382,7 @@ class MissingServos:
 
 
 class CyclicPort:
-    """The servos on one open port. All servos of it have one `return_delay`, s."""
+    """The servos on one open port. return_delay: common to all, s."""
 
     def __init__(self, port: BytePort, servos: Sequence[Wired], *, return_delay: float) -> None:
         self.wire = Wire(port)
@@ -417,7 +393,10 @@ class CyclicPort:
         self._groups = _groups(servos)
         self._index_of = {servo.id: servo.index for servo in servos}
         self._tables = {servo.id: servo.table for servo in servos}
-        self._status = {servo.id: (kind_of(servo.table), status_block(servo.table)) for servo in servos}
+        self._status: dict[int, tuple[ReadKind, Block]] = {}
+        for servo in servos:
+            names = [name for name in STATUS_REGISTERS if servo.table.has(name)]
+            self._status[servo.id] = (kind_of(servo.table), block_of(servo.table, names[0], names[-1]))
         self._missing = MissingServos(list(self._index_of))
         self._unanswered = 0.0  # requests of this cycle without any byte; minus infinity once there was one
         self._queue: deque[Transaction] = deque()
@@ -425,8 +404,7 @@ class CyclicPort:
         self._transaction = lru_cache(MAX_TRANSACTIONS)(self._make_transaction)
 
     def write(self, ticks: NDArray[np.int64], driven: BoolArray) -> None:
-        """Send goals (n,), of all servos of the robot, ticks; driven (n,): which servos have torque. Raises
-        BusError."""
+        """Send goals (n,) of the whole robot, ticks. driven (n,): servos with torque. Raises BusError."""
         if self._missing.strikes:  # a silent servo may have restarted
             driven = driven.copy()
             driven[[self._index_of[device] for device in self._missing.strikes]] = False
@@ -436,7 +414,7 @@ class CyclicPort:
                 self.wire.post_goals(packet)
 
     def begin(self, *, wide: bool) -> None:
-        """Begin a cycle. wide: voltage and temperature too."""
+        """Begin a cycle. wide: with voltage and temperature."""
         self._cycle += 1
         self._queue.clear()
         self._missing.first.clear()
@@ -450,33 +428,33 @@ class CyclicPort:
         if self._cycle % STATUS_EVERY == 0:
             servo = self.servos[self._cycle // STATUS_EVERY % len(self.servos)]
             if servo.id not in strikes:
-                self.ask_status([servo.id])
+                self.request_status([servo.id])
 
     @property
     def busy(self) -> bool:
-        """Whether a request is due."""
+        """True if a request is due."""
         return bool(self._queue)
 
     def send(self) -> None:
         """Send the next request. Raises BusError."""
-        self.wire.ask(self._queue[0].request)
+        self.wire.request(self._queue[0].packet)
 
     def collect(self, readings: Readings) -> None:
-        """Wait for the answers to the last request, and keep them. Raises BusError."""
+        """Receive and keep the answers to the last request. Raises BusError."""
         transaction = self._queue.popleft()
-        answers, noise = collect(self.wire.port, transaction.ask, self.wire.asked, transaction.timeouts)
+        answers, noise = collect(self.wire.port, transaction.request, self.wire.requested_at, transaction.timeouts)
         self._unanswered = -np.inf if answers or noise else self._unanswered + 1
         if answers and transaction.names is not None:
-            who = transaction.who if answers.ids == transaction.ask.ids else self._places(answers.ids)
+            columns = transaction.columns if answers.ids == transaction.request.ids else self._places(answers.ids)
             rows = transaction.block.unpack(answers)
-            readings.take(who, rows, answers.errors, transaction.names, self.wire.port.now())
+            readings.take(columns, rows, answers.errors, transaction.names, self.wire.port.now())
         elif answers:
             self._keep_status(readings, transaction.block, answers)
-        if len(answers) < len(transaction.ask.ids):
+        if len(answers) < len(transaction.request.ids):
             self._again(transaction, answers, noise=noise)
 
-    def ask_status(self, devices: Iterable[int]) -> None:
-        """Let further requests be for the torque, errors and watchdog of servos."""
+    def request_status(self, devices: Iterable[int]) -> None:
+        """Queue reads of torque, errors and watchdog of servos."""
         groups: dict[tuple[ReadKind, object], list[int]] = {}
         for device in devices:
             kind, block = self._status[device]
@@ -487,39 +465,38 @@ class CyclicPort:
             self._enqueue(kind if len(ids) > 1 else alone, tuple(ids), block, block, None)
 
     def end(self, readings: Readings) -> None:
-        """End the cycle: count silent servos, and ask those that are back for their status."""
+        """End the cycle: count silent servos, and queue status reads of those that are back."""
         if readings.complete and not self._missing.strikes:
             return
         valid = readings.valid
         back, restarted = self._missing.end({device for device, index in self._index_of.items() if valid[index]})
         for device in restarted:
             readings.drive[self._index_of[device]] = ReportedTorque.UNKNOWN  # it may have restarted: status is read
-        self.ask_status(back)
+        self.request_status(back)
 
     def _places(self, ids: Sequence[int]) -> NDArray[np.int64]:
-        """Places of servos in servo order."""
         return np.array([self._index_of[device] for device in ids])
 
     def _keep_status(self, readings: Readings, block: Block, answers: Answers) -> None:
         for status in answers.statuses:
             index, table = self._index_of[status.id], self._tables[status.id]
-            parts = [table[name] for name in STATUS if table.has(name)]
+            parts = [table[name] for name in STATUS_REGISTERS if table.has(name)]
             places = [(one, one.address - block.address) for one in parts]
-            said = {one.name: one.decode(status.data[at : at + one.size]) for one, at in places}
-            tripped = said.get("bus_watchdog", 0) == -1
+            values = {one.name: one.decode(status.data[at : at + one.size]) for one, at in places}
+            tripped = values.get("bus_watchdog", 0) == -1
             driven = ReportedTorque.HELD if tripped else ReportedTorque.ON
-            readings.drive[index] = driven if said["torque_enable"] else ReportedTorque.OFF
-            readings.take_alert(index, said.get("hardware_error_status", 0))
+            readings.drive[index] = driven if values["torque_enable"] else ReportedTorque.OFF
+            readings.take_alert(index, values.get("hardware_error_status", 0))
 
     def _again(self, transaction: Transaction, answers: Answers, *, noise: bool) -> None:
-        """Ask those that did not answer once more, the first of them last: it may have silenced the rest.
+        """Ask the silent servos once more, the first of them last, since it may have silenced the rest.
 
-        Without any byte they are asked in reverse, and that once: if there is none again, the line is silent. A single
-        servo without any byte that was missed before is left to the next cycle.
+        Without any byte they are asked once, in reverse; another silence means a silent line. A single servo that was
+        missing before waits for the next cycle.
         """
         self.errors.spoiled += noise
         answered = set(answers.ids)
-        silent = [device for device in transaction.ask.ids if device not in answered]
+        silent = [device for device in transaction.request.ids if device not in answered]
         nothing = not answers and not noise
         known = silent[0] in self._missing
         self._missing.first.add(silent[0])
@@ -530,7 +507,7 @@ class CyclicPort:
         self.errors.retries += 1
         if noise:
             self.wire.note_damage()
-        kind = transaction.ask.kind
+        kind = transaction.request.kind
         if kind is ReadKind.FAST and (answers or noise):
             kind = ReadKind.SYNC  # damage in a fast reply spoils all that follows; in single answers only that answer
         late = [device for device in silent if device in self._missing]
@@ -551,29 +528,24 @@ class CyclicPort:
     def _make_transaction(
         self, kind: ReadKind, ids: tuple[int, ...], block: Block, again: Block, names: Names | None, tries: int
     ) -> Transaction:
-        ask = Ask(kind, ids, block.address, block.size)
-        timeouts = ask.timeouts(self.wire.port, self._return_delay)
-        return Transaction(ask, self._places(ids), ask.request(), timeouts, block, again, names, tries)
+        request = ReadRequest(kind, ids, block.address, block.size)
+        timeouts = request.timeouts(self.wire.port, self._return_delay)
+        return Transaction(request, self._places(ids), request.packet(), timeouts, block, again, names, tries)
 
 
-STATUS = ("torque_enable", "hardware_error_status", "bus_watchdog")
+STATUS_REGISTERS = ("torque_enable", "hardware_error_status", "bus_watchdog")
 """Registers of a servo's torque, errors and watchdog, ascending by address."""
 
 
-def status_block(table: ControlTable) -> Block:
-    """The registers of STATUS that a table has, and those between."""
-    return block_of(table, STATUS[0], [name for name in STATUS if table.has(name)][-1])
-
-
 def kind_of(table: ControlTable) -> ReadKind:
-    """How servos with this table are asked together."""
+    """Return the instruction that reads servos with this table together."""
     if table.protocol == 2:
         return ReadKind.FAST if table.fast_read else ReadKind.SYNC
     return ReadKind.BULK1 if table.model.startswith("MX") else ReadKind.SINGLE1
 
 
 def _groups(servos: Sequence[Wired]) -> list[Group]:
-    """As few groups as possible: servos of one kind whose registers lie in the same places."""
+    """Return as few groups as possible: servos of one kind with equal registers."""
     groups: dict[tuple[object, ...], Group] = {}
     for servo in servos:
         names, kind = names_of(servo.table), kind_of(servo.table)
@@ -584,17 +556,15 @@ def _groups(servos: Sequence[Wired]) -> list[Group]:
     return list(groups.values())
 
 
-# The error rate of a bus: the share of the last cycles in which answers came damaged and requests were repeated.
-
 WINDOW_S = 0.05
-"""[s] Over which cycles are counted."""
+"""[s] Window of the error rate."""
 FEWEST = 4
-"""The window is taken to hold at least so many cycles."""
+"""Lower bound of the cycles in a window."""
 
 
 class ErrorRate:
-    """Error rate of one bus. retries: requests that had to be repeated, so far; spoiled: requests whose answers came
-    damaged, so far. share: of bad cycles among the last, 0 to 1."""
+    """Error rate of one bus. retries, spoiled: requests that were repeated, or whose answers came damaged, so far.
+    share: of bad cycles in the window."""
 
     def __init__(self) -> None:
         self.retries, self.spoiled = 0, 0
@@ -604,7 +574,7 @@ class ErrorRate:
         self._bad = 0
 
     def note(self, now: float) -> int:
-        """Note a cycle that ended at `now`, s. Return how many requests were repeated in it."""
+        """Note a cycle that ended at `now`, s. Return the requests repeated in it."""
         retries, spoiled = self.retries - self._noted[0], self.spoiled - self._noted[1]
         self._noted = self.retries, self.spoiled
         bad = retries >= RETRIES and spoiled > 0
@@ -616,8 +586,8 @@ class ErrorRate:
         return retries
 
 
-TRIES = 3
-"""Times that registers of a group are asked for."""
+GROUP_TRIES = 3
+"""Group reads before the silent servos are read one by one."""
 
 
 class BusLine:
@@ -631,22 +601,22 @@ class BusLine:
         self.images: dict[int, ServoImage] = {}
         """Registers as read last, by id."""
         self.seen: dict[int, ControlTable] = {}
-        """Tables of the servos that a look at the bus has found, by id, also of those that no profile has."""
+        """Tables of all servos found on the bus, by id."""
         self._expected = {servo.id: find_table(servo.model.name, spec.protocol) for servo in self.servos.values()}
         self.cyclic = self._wire(self._expected)
         """The exchange of every cycle."""
 
     @property
     def where(self) -> str:
-        """The bus, in messages."""
+        """Name of the bus in messages."""
         return f"bus {self.spec.name}"
 
     def name_of(self, device: int) -> str:
-        """The servo with this id, in messages."""
+        """Return the name of a servo in messages."""
         return self.servos[device].label if device in self.servos else f"id {device}"
 
     def adopt(self, images: dict[int, ServoImage]) -> None:
-        """Use the registers as read: the firmware of a servo chooses its table. Others keep the usual one."""
+        """Use the registers as read: a servo's firmware chooses its table. Others keep the usual one."""
         before = self.tables, self.longest_delay
         self.images = images
         if (self.tables, self.longest_delay) != before:
@@ -658,8 +628,8 @@ class BusLine:
         return self._expected | {device: image.table for device, image in self.images.items()}
 
     def places(self, name: str, ids: Iterable[int]) -> dict[Register, list[int]]:
-        """Ids by the register of that name: one for servos of one layout. A servo of a model that is not known here is
-        taken to have it where most servos of the protocol do."""
+        """Return ids by the register of that name. Servos of unknown models are assumed to have the usual layout of the
+        protocol."""
         known = self._expected | self.seen | {device: image.table for device, image in self.images.items()}
         usual, found = usual_table(self.spec.protocol), dict[Register, list[int]]()
         for device in ids:
@@ -667,19 +637,19 @@ class BusLine:
         return found
 
     def write_all(self, register: Register, values: Iterable[tuple[int, int]]) -> None:
-        """Send (id, counts) for one register; no servo answers. Raises BusError when the port is gone."""
+        """Send (id, counts) for one register, without answers. Raises BusError when the port is gone."""
         items = [(device, register.encode(value)) for device, value in values]
         if not items:
             return
         self.cyclic.wire.post(CODECS[self.spec.protocol].sync_write(register.address, register.size, items))
 
     def read_all(self, register: Register, ids: Sequence[int]) -> dict[int, int]:
-        """Counts of one register by id, of those that answer. Raises BusError when the port is gone."""
-        said = self.read_span(register.address, register.size, ids)
-        return {device: register.decode(data) for device, data in said.items()}
+        """Return the counts of one register by id, of those that answer. Raises BusError when the port is gone."""
+        found = self.read_span(register.address, register.size, ids)
+        return {device: register.decode(data) for device, data in found.items()}
 
     def read_span(self, address: int, size: int, ids: Sequence[int]) -> dict[int, bytes]:
-        """`size` bytes from `address` by id, of those that answer. Raises BusError when the port is gone."""
+        """Return `size` bytes from `address` by id, of those that answer. Raises BusError when the port is gone."""
         found: dict[int, bytes] = {}
         if self.spec.protocol == 1:  # no group read that all models have
             for device in ids:
@@ -687,26 +657,28 @@ class BusLine:
                     found[device] = self.client.read_block(device, address, size)
             return found
         silent = list(ids)
-        for _ in range(TRIES):
+        for _ in range(GROUP_TRIES):
             if silent:
-                found |= self._ask(Ask(ReadKind.SYNC, tuple(silent), address, size))
+                found |= self._read_group(silent, address, size)
             silent = [device for device in silent if device not in found]
             # The first one silent may have silenced the rest: it is asked last.
             silent = [*silent[1:], *silent[:1]]
         for device in silent:  # one by one, a missing servo silences no other
-            found |= self._ask(Ask(ReadKind.SYNC, (device,), address, size))
+            found |= self._read_group([device], address, size)
         return found
 
-    def _ask(self, ask: Ask) -> dict[int, bytes]:
-        self.cyclic.wire.ask(ask.request())
-        answers, _ = collect(self.port, ask, self.cyclic.wire.asked, ask.timeouts(self.port, self.longest_delay))
-        if len(answers) < len(ask.ids):
+    def _read_group(self, ids: Sequence[int], address: int, size: int) -> dict[int, bytes]:
+        request, wire = ReadRequest(ReadKind.SYNC, tuple(ids), address, size), self.cyclic.wire
+        wire.request(request.packet())
+        timeouts = request.timeouts(self.port, self.longest_delay)
+        answers, _ = collect(self.port, request, wire.requested_at, timeouts)
+        if len(answers) < len(ids):
             settle(self.port)
         return {status.id: status.data for status in answers.statuses}
 
     @property
     def longest_delay(self) -> float:
-        """Longest pause, s, of a servo before it answers: as read, else as it is to be."""
+        """Longest return delay of its servos, s: as read, else as expected."""
         read = [image.value("return_delay_time") * 2e-6 for image in self.images.values()]
         return max([*read, self.spec.return_delay])
 
@@ -715,12 +687,9 @@ class BusLine:
         return CyclicPort(self.port, wired, return_delay=self.longest_delay)
 
 
-# One cycle of several buses at once, for the bus that drives servos and for the one that only reads them.
-
-
 def read_cycle(lines: Sequence[BusLine], readings: Readings, *, wide: bool, status: bool = False) -> None:
-    """Ask all servos, on all ports at once; then ask one with an alert on each bus for its status. wide: voltage and
-    temperature too. status: ask all that answered for their status.
+    """Read all servos on all ports in parallel, then the status of one servo with an alert on each bus. wide: with
+    voltage and temperature. status: read the status of all that answered.
 
     Raises BusError when a port is gone.
     """
@@ -733,15 +702,15 @@ def read_cycle(lines: Sequence[BusLine], readings: Readings, *, wide: bool, stat
     alarmed = readings.alarmed()
     valid = readings.valid if status else ()
     for line in lines if alarmed or status else ():
-        wanted = [device for device, index in line.index_of.items() if index in alarmed][:1]
+        due = [device for device, index in line.index_of.items() if index in alarmed][:1]
         if status:
-            wanted = [device for device, index in line.index_of.items() if valid[index]]
-        line.cyclic.ask_status(wanted)
+            due = [device for device, index in line.index_of.items() if valid[index]]
+        line.cyclic.request_status(due)
     _exchange(lines, readings)
 
 
 def _exchange(lines: Sequence[BusLine], readings: Readings) -> None:
-    """Send a request on every port, then wait for each, until no port has a request left."""
+    """Send a request on every port, then collect from each, until none is due."""
     busy = [line.cyclic for line in lines if line.cyclic.busy]
     while busy:
         for cyclic in busy:

@@ -1,8 +1,8 @@
 """The OpenCR board of an OP3 as a device on the bus: the switch of the servos' power, and an IMU.
 
 Source: ROBOTIS' firmware opencr_op3 (dxl_node_op3.h; NUbots' OpenCR.hpp agrees) for the registers, open_cr_module of
-ROBOTIS-OP3 for the units. Not verified on hardware. ROBOTIS' host takes the negative of x and y of both sensors: the
-board is turned by half a turn about z, which the profile says.
+ROBOTIS-OP3 for the units. Not verified on hardware. The board is mounted with half a turn about z, which the profile
+states.
 """
 
 import math
@@ -10,36 +10,36 @@ import struct
 from functools import cached_property
 
 from hardware.dynamixel.control_table import ControlTable, Register
-from hardware.dynamixel.cyclic import LOST_AFTER, PROBE_PERIOD, Ask, BusLine, ReadKind, Timeouts
+from hardware.dynamixel.cyclic import LOST_AFTER, PROBE_PERIOD, BusLine, ReadKind, ReadRequest, Timeouts
 from hardware.imu import GRAVITY, ImuReading, ImuSpec, ImuTracker, from_roll_pitch_yaw
 
 ID, NUMBER = 200, 0x7400
 """Id and model number as delivered."""
 POWER = 24
 """Address of the switch of the servos' power."""
-IMU_CONTROL, RECALIBRATE = 50, 1 << 3
-"""Address of the register that starts a calibration, and its bit for the gyroscope."""
+IMU_CONTROL = 50
+"""Address of the register that starts a calibration."""
 GYRO_UNIT = math.radians(2000.0 / 32800.0)
-"""[rad/s] One count of the gyroscope."""
+"""[rad/s] per count."""
 FORCE_UNIT = 2.0 / 32768.0 * GRAVITY
-"""[m/s^2] One count of the accelerometer."""
+"""[m/s^2] per count."""
 ANGLE_UNIT = math.radians(0.1)
-"""[rad] One count of roll, pitch and yaw."""
+"""[rad] per count of roll, pitch and yaw."""
 FULL_SCALE = 32767
-"""[count] A gyroscope at the end of its range: no robot turns as fast. An accelerometer gets there in an impact."""
+"""[count] End of the gyroscope's range, which no robot reaches; an accelerometer may, in an impact."""
 MOST_ANGLE = 3600
-"""[count] Angles, of which the firmware takes an offset, stay below two half turns."""
+"""[count] Largest angle: half a turn and the offset that the firmware subtracts."""
 
 
 def _row(name: str, address: int, size: int, bounds: tuple[int, int] | None, initial: int) -> Register:
-    """A register; bounds: what may be written, None: read only. Measurements are signed."""
+    """Return a register. bounds: counts that may be written; None: read only. Measurements are signed."""
     low, high = bounds or (None, None)
     signed = name in IMU_NAMES
     return Register(name, address, size, signed, bounds is not None, None, None, low, high, initial)
 
 
 IMU_NAMES = ("gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z", "roll", "pitch", "yaw")
-"""Its measurements, int16 side by side."""
+"""Measurements, adjacent int16 registers."""
 IMU_FIRST = 32
 """Address of the first of them."""
 _MEASURED = struct.Struct("<9h")
@@ -69,11 +69,11 @@ TABLE = ControlTable(
         _row("imu_control", IMU_CONTROL, 1, (0, 15), 0),
     ),
 )
-"""Its registers that a host of OP3 uses."""
+"""Registers that a host of OP3 uses."""
 
 
 def imu_reading(data: bytes) -> ImuReading | None:
-    """The measurement in the 18 bytes from IMU_FIRST on; None: a turn or an angle that there is not."""
+    """Return the measurement in the 18 bytes from IMU_FIRST; None for an impossible turn or angle."""
     a, b, c, x, y, z, roll, pitch, yaw = _MEASURED.unpack(data)
     if max(abs(a), abs(b), abs(c)) >= FULL_SCALE or max(abs(roll), abs(pitch), abs(yaw)) > MOST_ANGLE:
         return None
@@ -87,39 +87,39 @@ def imu_reading(data: bytes) -> ImuReading | None:
 class OpenCrImu:
     """The IMU of the board on a line, as a `hardware.imu.ImuDevice`.
 
-    It is asked right behind the goals, and answers while the host computes: the next cycle finds the answer. One that
-    stays silent is left out after LOST_AFTER cycles and looked for every PROBE_PERIOD, as servos are.
+    It is asked right after the goals, and answers while the host computes. A silent board is left out after LOST_AFTER
+    cycles and probed every PROBE_PERIOD, as servos are.
     """
 
     def __init__(self, line: BusLine, spec: ImuSpec) -> None:
         self._line, self.tracker = line, ImuTracker(spec)
-        self._ask = Ask(ReadKind.SINGLE2, (spec.id,), IMU_FIRST, _MEASURED.size)
-        self._request, self._enough = self._ask.request(), self._ask.bytes_of(1)
+        self._request = ReadRequest(ReadKind.SINGLE2, (spec.id,), IMU_FIRST, _MEASURED.size)
+        self._packet, self._enough = self._request.packet(), self._request.bytes_of(1)
         self._sent: float | None = None  # [s] when it was asked, until its answer is taken
         self._missed, self._due = 0, -math.inf  # answers in a row; [s] when a silent board is asked again
 
     def post(self) -> None:
-        """Ask it, unless it was silent of late. Raises BusError."""
+        """Request a measurement unless the board is lost. Raises BusError."""
         wire = self._line.cyclic.wire
         if self._missed >= LOST_AFTER and wire.port.now() < self._due:
             return
-        wire.ask(self._request)
-        self._sent = wire.asked
+        wire.request(self._packet)
+        self._sent = wire.requested_at
 
     def collect(self) -> bool:
-        """Take its answer, if it was asked. Return whether it was not there yet. Raises BusError."""
+        """Take the answer, if one is due. Return True if it had not come yet. Raises BusError."""
         if self._sent is None:
             return False
         port, sent, data = self._line.port, self._sent, b""
         self._sent, received = None, port.read()
         late = not received
         if len(received) >= self._enough:
-            data = self._ask.answers(received).data
+            data = self._request.answers(received).data
         end = sent + self._timeouts.whole
         while not data and port.wait(end):
             received += port.read()
             if len(received) >= self._enough:
-                data = self._ask.answers(received).data
+                data = self._request.answers(received).data
         if data:
             self._missed = 0
             self.tracker.take(imu_reading(data), sent)
@@ -130,4 +130,4 @@ class OpenCrImu:
 
     @cached_property
     def _timeouts(self) -> Timeouts:
-        return self._ask.timeouts(self._line.port, self._line.longest_delay)
+        return self._request.timeouts(self._line.port, self._line.longest_delay)

@@ -5,53 +5,51 @@ from dataclasses import dataclass, field
 from hardware.bus import RETURN_DELAY_STEP
 from hardware.dynamixel.checks import complaints, needed_ticks, notes
 from hardware.dynamixel.control_table import ControlTable
-from hardware.dynamixel.cyclic import Ask, BusLine, ReadKind
+from hardware.dynamixel.cyclic import BusLine, ReadKind, ReadRequest
 from hardware.dynamixel.found_servos import is_powered, look_at_bus, switch_power_on
 from hardware.dynamixel.serial_port import BytePort, settle
 from hardware.dynamixel.single_requests import NoAnswer, ServoError
 from hardware.errors import describe
 from hardware.joint_map import JointMap
 
-# The measured time of a servo's answer: an adapter or a hub may be slower than every timeout assumes.
-
 LOOKS = 5
-"""Reads of which the fastest counts."""
-PATIENCE = 0.1
-"""[s] After which one of them is given up."""
+"""Timed reads, of which the fastest counts."""
+LOOK_TIMEOUT = 0.1
+"""[s] Timeout of one of them."""
 
 
-def answer_time(port: BytePort, ask: Ask) -> float | None:
-    """Time in s from sending to the first byte that is not the request's echo, of an answer that is then
-    complete and valid; None: there was none. The line is silent before and after."""
+def answer_time(port: BytePort, request: ReadRequest) -> float | None:
+    """Return the time, s, from sending to the first byte of a valid answer, without an echo; None if there was none.
+    The line is silent before and after."""
     port.drop()
-    request, sent = ask.request(), port.now()
-    port.write(request)
-    received, took, whole = b"", None, False
-    while port.now() < sent + PATIENCE and port.wait(sent + PATIENCE):
+    packet, sent = request.packet(), port.now()
+    port.write(packet)
+    received, elapsed, whole = b"", None, False
+    while port.now() < sent + LOOK_TIMEOUT and port.wait(sent + LOOK_TIMEOUT):
         received += port.read()
-        if took is None and received and not request.startswith(received):
-            took = port.now() - sent
-        whole = len(ask.answers(received.removeprefix(request))) == len(ask.ids)
+        if elapsed is None and received and not packet.startswith(received):
+            elapsed = port.now() - sent
+        whole = len(request.answers(received.removeprefix(packet))) == len(request.ids)
         if whole:
             break
     settle(port)
-    return took if whole else None
+    return elapsed if whole else None
 
 
 def too_slow(port: BytePort, table: ControlTable, device: int, return_delay: float) -> str:
-    """The problem where even the fastest answer comes later than a cycle waits for it; "" where there is none.
+    """Return the problem if even the fastest answer comes too late for a cycle, else "". return_delay: of the servo, s.
 
-    return_delay: of that servo, s. Raises BusError when the port is gone.
+    Raises BusError when the port is gone.
     """
     position = table["present_position"]
     kind = ReadKind.SINGLE1 if table.protocol == 1 else ReadKind.SYNC
-    ask = Ask(kind, (device,), position.address, position.size)
-    allowed = ask.timeouts(port, return_delay).first
+    request = ReadRequest(kind, (device,), position.address, position.size)
+    allowed = request.timeouts(port, return_delay).first
     fastest = None
     for _ in range(LOOKS):
-        took = answer_time(port, ask)
-        if took is not None:
-            fastest = took if fastest is None else min(fastest, took)
+        elapsed = answer_time(port, request)
+        if elapsed is not None:
+            fastest = elapsed if fastest is None else min(fastest, elapsed)
             if fastest <= allowed:
                 return ""
     if fastest is None:
@@ -66,23 +64,23 @@ def too_slow(port: BytePort, table: ControlTable, device: int, return_delay: flo
 
 
 SLOW_LATENCY = 0.004
-"""[s] From here on an adapter's latency timer is refused: two of them do not fit into 8 ms."""
+"""[s] Refused latency timer: two of them do not fit into 8 ms."""
 
 BUSY = "; a host that is too busy receives no answers either"
 
 
 @dataclass(eq=False)
 class Opening:
-    """What was found on one bus: problems, which keep the robot from being driven, and notes, a text each."""
+    """Findings on one bus: problems, which keep the robot from being driven, and notes."""
 
     problems: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
 def examine(line: BusLine, joint_map: JointMap) -> Opening:
-    """Examine all devices on an open port; nothing is written but the power switch. `line` adopts the servos as read.
+    """Examine all devices on an open port. Only the power switch is written. `line` adopts the servos as read.
 
-    joint_map: of the robot, with the servos of all its buses. Raises BusError when the port is gone.
+    joint_map: of the whole robot. Raises BusError when the port is gone.
     """
     bus = line.spec
     where = f"bus {bus.name} ({line.port.name}, {bus.baud} baud, protocol {bus.protocol}.0)"
@@ -118,7 +116,7 @@ def examine(line: BusLine, joint_map: JointMap) -> Opening:
 
 
 def _power_on(line: BusLine, opening: Opening) -> None:
-    """Switch the servos' power on where a device does that (OP3: its OpenCR)."""
+    """Switch the servos' power on if a device does that (OP3: its OpenCR)."""
     bus, switch = line.spec, line.spec.power
     if switch is None:
         return

@@ -1,4 +1,4 @@
-"""The states of all servos of a robot: values, errors, ages. A silent servo keeps its last values and is marked."""
+"""States of all servos of a robot: values, errors, ages. A silent servo keeps its last values and is marked."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from hardware.servo import Layout
 SLOW_PERIOD = 0.2
 """[s] Between two reads of voltage and temperature."""
 UNKNOWN_ALERT = 0x80
-"""Alert bits of a servo that reports an error, until it is read which."""
+"""Alert bits of a servo with an error that is not read yet."""
 
 _ALERTS1 = (
     (Error1.INPUT_VOLTAGE, ServoAlert.INPUT_VOLTAGE),
@@ -27,13 +27,13 @@ _ALERTS1 = (
 
 
 class ReportedTorque(IntEnum):
-    """The torque that a servo reported last."""
+    """Torque that a servo reported last."""
 
     UNKNOWN = 0
     OFF = 1
     ON = 2
     HELD = 3
-    """On, and stopped by its watchdog: it follows no goal."""
+    """On, but stopped by its watchdog."""
 
 
 _ON = int(ReportedTorque.ON)
@@ -41,11 +41,9 @@ _ON = int(ReportedTorque.ON)
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """The registers that a cycle reads: first and last of the motion block and of the wide one, and what they mean.
-
-    direction: the bit of the velocity that says clockwise, as a mask; 0: two's complement. latches: whether a register
-    says which errors a servo reports; else its error byte does.
-    """
+    """Names of the registers that a cycle reads. motion, wide: first and last register of the two blocks. direction:
+    mask of the clockwise bit of the velocity; 0: two's complement. latches: a register holds the errors; else the error
+    byte does."""
 
     motion: tuple[str, str]
     wide: tuple[str, str]
@@ -59,8 +57,8 @@ class Names:
 
 
 def names_of(table: ControlTable) -> Names:
-    """The names for a servo's table; a servo that reports a load reports no current. In the older layout a few bytes
-    hold all values."""
+    """Return the names for a table. In the older layout a few bytes hold all values. A servo that reports a load
+    reports no current."""
     latches, position, last = table.has("hardware_error_status"), "present_position", "present_temperature"
     if table.layout is Layout.OLDER:
         wide, speed = (position, last), "present_speed"
@@ -81,32 +79,35 @@ class SlowValues:
         self._at = np.full(len(tables), -np.inf)  # [s] when they were read
         self._due = -np.inf  # [s] when they are due again, at the earliest
 
-    def take(self, who: NDArray[np.int64], rows: NDArray[np.void], names: Names, now: float, valid: BoolArray) -> None:
-        """Take the values that servos `who` (k,) answered at `now`, s. valid (n,): who has answered in this cycle."""
-        self._voltage[who] = rows[names.voltage]
-        self._temperature[who] = rows[names.temperature]
-        self._at[who] = now
+    def take(
+        self, columns: NDArray[np.int64], rows: NDArray[np.void], names: Names, now: float, valid: BoolArray
+    ) -> None:
+        """Take the values that servos `columns` (k,) answered at `now`, s. valid (n,): servos that answered in this
+        cycle."""
+        self._voltage[columns] = rows[names.voltage]
+        self._temperature[columns] = rows[names.temperature]
+        self._at[columns] = now
         late = (self._at < now - 2.0 * SLOW_PERIOD) & valid
         self._due = now if late.any() else now + SLOW_PERIOD
 
     def due(self, now: float, valid: BoolArray) -> bool:
-        """Return whether values of a servo that answered in the last cycle are due; at first those of all are."""
+        """Return True if values of a servo that answered in the last cycle are due, or none is known yet."""
         if now < self._due:
             return False
         old = self._at < now - SLOW_PERIOD
         return bool((old & valid).any()) or not np.isfinite(self._at).any()
 
     def values(self, now: float) -> tuple[FloatArray, FloatArray]:
-        """Voltages, V, and temperatures, degrees Celsius, (n,); NaN beyond UNREAD_AFTER_S."""
+        """Return voltages, V, and temperatures, degrees Celsius, (n,); NaN beyond UNREAD_AFTER_S."""
         known = self._at >= now - UNREAD_AFTER_S
         return np.where(known, self._voltage * self._unit, np.nan), np.where(known, self._temperature, np.nan)
 
 
 class Readings:
-    """The states of the servos whose tables are `tables` (n,), in servo order.
+    """States of n servos in servo order.
 
-    turns (n,): ticks to add to reported positions, whole turns that a servo has forgotten. drive (n,): the torque that
-    each reported last, as `ReportedTorque` values. slow: voltages and temperatures.
+    turns (n,): whole turns that a servo has forgotten, ticks to add to positions. drive (n,): `ReportedTorque` values.
+    slow: voltages and temperatures.
     """
 
     def __init__(self, tables: Sequence[ControlTable]) -> None:
@@ -125,69 +126,69 @@ class Readings:
         self._answered = np.full(count, -np.inf)  # [s]
 
     def begin(self) -> None:
-        """Begin a cycle: no servo has answered yet."""
+        """Begin a cycle, in which no servo has answered yet."""
         self._valid[:] = False
 
-    def take(self, who: NDArray[np.int64], rows: NDArray[np.void], errors: bytes, names: Names, now: float) -> None:
-        """Take the values that servos `who` (k,) answered at `now`, s: rows (k,) of a block, error bytes (k)."""
-        self._position[who] = rows[names.position] + self.turns[who]
+    def take(self, columns: NDArray[np.int64], rows: NDArray[np.void], errors: bytes, names: Names, now: float) -> None:
+        """Take the rows (k,) and error bytes (k) of a block that servos `columns` (k,) answered at `now`, s."""
+        self._position[columns] = rows[names.position] + self.turns[columns]
         if names.current is not None:
-            self._current[who] = rows[names.current]
+            self._current[columns] = rows[names.current]
         speed = rows[names.velocity]
         if names.direction:
             size = (speed & names.direction - 1).astype(np.int64)
             speed = np.where(speed & names.direction, -size, size)
-        self._velocity[who] = speed
+        self._velocity[columns] = speed
         if self._faulty or any(errors):
-            self._take_errors(who, np.frombuffer(errors, np.uint8), names)
-        self._valid[who] = True
-        self._answered[who] = now
+            self._take_errors(columns, np.frombuffer(errors, np.uint8), names)
+        self._valid[columns] = True
+        self._answered[columns] = now
         if names.voltage in (rows.dtype.names or ()):
-            self.slow.take(who, rows, names, now, self._valid)
+            self.slow.take(columns, rows, names, now, self._valid)
 
-    def _take_errors(self, who: NDArray[np.int64], errors: NDArray[np.uint8], names: Names) -> None:
+    def _take_errors(self, columns: NDArray[np.int64], errors: NDArray[np.uint8], names: Names) -> None:
         if not names.latches:
-            self._alert[who] = sum(np.where(errors & ours, theirs, 0) for ours, theirs in _ALERTS1)
+            self._alert[columns] = sum(np.where(errors & ours, theirs, 0) for ours, theirs in _ALERTS1)
         else:
-            # Which error it is, a read shows later. An answer without ALERT ends it.
-            known = np.maximum(self._alert[who], UNKNOWN_ALERT * (self._alert[who] == 0))
-            self._alert[who] = np.where(errors & ALERT, known, 0)
-        self._error[who] = errors
+            # A later read shows which error it is. An answer without ALERT ends it.
+            known = np.maximum(self._alert[columns], UNKNOWN_ALERT * (self._alert[columns] == 0))
+            self._alert[columns] = np.where(errors & ALERT, known, 0)
+        self._error[columns] = errors
         self._count_faulty()
 
     def _count_faulty(self) -> None:
         self._faulty = int(np.count_nonzero(self._error | self._alert))
 
     def alarmed(self) -> list[int]:
-        """Servos that report an error of which it is not known yet which it is."""
+        """Return the servos whose error is not read yet."""
         return np.flatnonzero(self._alert == UNKNOWN_ALERT).tolist() if self._faulty else []
 
     def take_alert(self, servo: int, bits: int) -> None:
-        """Take a servo's Hardware Error Status; without bits, an error that it reports stays unknown."""
+        """Take a servo's Hardware Error Status. Zero leaves an error unknown."""
         if bits:
             self._alert[servo] = bits
             self._count_faulty()
 
     @property
     def driven(self) -> BoolArray:
-        """Mask (n,) of the servos that follow their goals, by their last report."""
+        """Mask (n,) of servos that follow their goals, by their last report."""
         on: BoolArray = self.drive == _ON
         return on
 
     @property
     def valid(self) -> BoolArray:
-        """Mask (n,) of the servos that have answered in this cycle; a copy."""
+        """Copy of the mask (n,) of servos that answered in this cycle."""
         return self._valid.copy()
 
     @property
     def complete(self) -> bool:
-        """Whether all servos have answered in this cycle."""
+        """True if all servos have answered in this cycle."""
         return bool(self._valid.all())
 
     def states(
         self, now: float, *, retries: int = 0, error_rate: float = 0.0, imu: ImuSample | None = None
     ) -> ServoStates:
-        """The states as of `now`, s. They never change later."""
+        """Return the states as of `now`, s, which never change later."""
         voltage, temperature = self.slow.values(now)
         age = np.zeros(len(self.turns))
         if not self.complete:
@@ -211,6 +212,6 @@ class Readings:
 
 
 def _scale(table: ControlTable, name: str | None) -> float:
-    """SI per step of a register; NaN without one."""
+    """Return the SI value per count of a register; NaN without one."""
     scale = None if name is None else table[name].scale
     return float("nan") if scale is None else scale

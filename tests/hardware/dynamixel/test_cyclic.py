@@ -19,9 +19,9 @@ from hardware.dynamixel.cyclic import (
     PROBE_PERIOD,
     RETRIES,
     WINDOW_S,
-    Ask,
     ErrorRate,
     ReadKind,
+    ReadRequest,
     Wired,
     collect,
     goal_packets,
@@ -418,8 +418,8 @@ def pieces(reply: bytes, *, begun: float, size: int = SIZE + 4) -> list[tuple[fl
 
 def received(wire: Wire) -> tuple[int, float]:
     """How many answers, and when it was known that there are no more, s."""
-    ask = Ask(ReadKind.FAST, IDS, 126, SIZE)
-    found = collect(wire, ask, 0.0, ask.timeouts(wire, 0.0))  # type: ignore[arg-type]
+    request = ReadRequest(ReadKind.FAST, IDS, 126, SIZE)
+    found = collect(wire, request, 0.0, request.timeouts(wire, 0.0))  # type: ignore[arg-type]
     return len(found.answers), wire.time
 
 
@@ -433,7 +433,7 @@ def test_a_whole_reply_wakes_twice_and_is_there_with_its_last_byte() -> None:
 def test_silence_is_counted_from_the_last_byte_and_not_from_the_read(count: int) -> None:
     end = 8 + (SIZE + 4) * count
     wire = Wire(pieces(REPLY[:end], begun=1e-3))
-    idle = Ask(ReadKind.FAST, IDS, 126, SIZE).timeouts(wire, 0.0).idle  # type: ignore[arg-type]
+    idle = ReadRequest(ReadKind.FAST, IDS, 126, SIZE).timeouts(wire, 0.0).idle  # type: ignore[arg-type]
     answers, known = received(wire)
     assert answers == count
     assert known <= 1e-3 + BYTE * end + idle + 1e-9
@@ -472,9 +472,9 @@ def test_a_cycle_of_twenty_servos_waits_a_few_times(monkeypatch: pytest.MonkeyPa
 def test_an_answer_to_the_same_request_in_another_order_is_taken() -> None:
     """A request is repeated in another order; the answer to the first one may still come."""
     parts = [Status(device, 0, bytes((device, 0, 0, 0))) for device in (1, 2, 3)]
-    found = Ask(ReadKind.FAST, (3, 2, 1), 132, 4).answers(more_frames.fast_status(parts))
+    found = ReadRequest(ReadKind.FAST, (3, 2, 1), 132, 4).answers(more_frames.fast_status(parts))
     assert found == side_by_side(parts)
-    assert not Ask(ReadKind.FAST, (3, 2, 4), 132, 4).answers(more_frames.fast_status(parts[:2])).ids
+    assert not ReadRequest(ReadKind.FAST, (3, 2, 4), 132, 4).answers(more_frames.fast_status(parts[:2])).ids
 
 
 # Watching servos that another process drives: their torque is shown as they report it.

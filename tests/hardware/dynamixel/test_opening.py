@@ -10,7 +10,7 @@ from hardware.bus import BusSpec
 from hardware.dynamixel.checks import needed_ticks
 from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.control_table import code_of, find_table
-from hardware.dynamixel.cyclic import Ask, ReadKind
+from hardware.dynamixel.cyclic import ReadKind, ReadRequest
 from hardware.dynamixel.found_servos import servos_on
 from hardware.dynamixel.opening import LOOKS, too_slow
 from hardware.errors import BusError
@@ -60,7 +60,7 @@ def test_an_answer_in_pieces_is_no_quick_one(late: float) -> None:
 
     port = ScriptedPort(in_pieces, baud=57_600)
     problem = too_slow(port, table, 1, 0.0)
-    allowed = Ask(ReadKind.SYNC, (1,), 132, 4).timeouts(port, 0.0).first
+    allowed = ReadRequest(ReadKind.SYNC, (1,), 132, 4).timeouts(port, 0.0).first
     assert bool(problem) == (late > allowed)
 
 
