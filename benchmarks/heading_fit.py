@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from retarget.human.posture_prior import STANCE_S
+from retarget.human.heading import STANCE_S
 from retarget.types import FloatArray
 
 Complex = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]

@@ -26,11 +26,11 @@ from retarget.types import FloatArray
 
 _LIMB = {"elbow", "wrist", "hand", "knee", "ankle"}  # points that hang straight below their parent in the rest frame
 
-REQUIRED = (
+# Joints without which a skeleton does not give a person's size.
+_NEEDED_JOINTS = (
     "head",
     *(f"{side}_{part}" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle") for side in "lr"),
 )
-"""Joints without which a skeleton does not give a person's size."""
 
 _DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -69,7 +69,7 @@ def dimensions_from_skeleton(skeleton: Skeleton, *, source: str = "") -> HumanDi
         for name, at in zip(skeleton.names, skeleton.position, strict=True)
         if np.isfinite(at).all()
     }
-    missing = [name for name in REQUIRED if name not in known]
+    missing = [name for name in _NEEDED_JOINTS if name not in known]
     if missing:
         raise InputError("joints missing from the skeleton", where=source, found=f"no {', '.join(missing)}")
     faults = rest_faults(skeleton)

@@ -20,7 +20,8 @@ import numpy as np
 
 from retarget.arithmetic import Dwell, arctan2, cos, hypot, sin, squares
 from retarget.frames import SensorSample
-from retarget.human.posture_prior import Balance, Carried, Crouch, Ground, Heading, VirtualFeet
+from retarget.human.heading import Heading
+from retarget.human.posture_prior import ANKLES, Balance, Carried, Crouch, Ground, VirtualFeet
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
 from retarget.human.support_phase import CarryingFeet, PhaseShares
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
@@ -97,19 +98,19 @@ class SecondPosture:
     """A second posture, solved one frame per tick beside a body that misses its sensors.
 
     q (nq,): None if there is none. frames: solved so far. missed: time for which the body has missed its sensors.
-    patience_s: its limit, doubled by each failure, since a sensor can be where no body goes.
+    limit_s: the limit of that time, doubled by each failure, since a sensor can be where no body goes.
     """
 
     q: FloatArray | None = None
     frames: int = 0
     missed: Dwell = field(default_factory=Dwell)
-    patience_s: float = _MISSED_S
+    limit_s: float = _MISSED_S
 
     def is_due(self, missed: float, dt: float) -> bool:
         """True if this tick of `dt` s solves a frame. missed: m by which the body misses a sensor."""
         if missed <= _MISSED_M:
-            self.q, self.frames, self.patience_s = None, 0, _MISSED_S
-        return self.missed.step(dt, holds=missed > _MISSED_M) > self.patience_s
+            self.q, self.frames, self.limit_s = None, 0, _MISSED_S
+        return self.missed.step(dt, holds=missed > _MISSED_M) > self.limit_s
 
     def keep(self, q: FloatArray, missed: float, *, by_body: float) -> bool:
         """Keep q (nq,), which misses a sensor by `missed` m. True if it is to replace the body, which misses by
@@ -119,7 +120,7 @@ class SecondPosture:
         reached = missed < (_BETTER * by_body if last else _REACHED_M)
         if reached or last:
             self.q, self.frames, self.missed.held = None, 0, 0.0
-            self.patience_s = _MISSED_S if reached else 2.0 * self.patience_s
+            self.limit_s = _MISSED_S if reached else 2.0 * self.limit_s
         return reached
 
 
@@ -129,8 +130,8 @@ _SETTLED = 1e-5  # settling ends when no coordinate changes by more per frame (m
 _LONGEST_FRAME_S = 0.0101
 """Longest frame of the solver, that of 100 Hz: the few iterations of a longer one do not follow a fast hand."""
 _MOST_PARTS = 50  # frames of a step: those of 0.5 s
-_FEET = ("l_ankle", "r_ankle")
-_FOLLOWED = ("head", "l_wrist", "r_wrist", *_FEET)  # sensors that strict levels follow
+_BALANCE = (SlotKind.OVER_ROOT, SlotKind.OVER_FEET)
+_FOLLOWED = ("head", "l_wrist", "r_wrist", *ANKLES)  # sensors that strict levels follow
 
 Points = dict[str, list[float]]
 
@@ -158,8 +159,8 @@ class Reconstructor:
         self._human = human
         self._layout = SensorLayout(performer)
         self.sensors = self._layout.names
-        self._feet = None if set(_FEET) & set(self._layout.names) else VirtualFeet(human.dimensions)
-        names = self._layout.names + (() if self._feet is None else _FEET)
+        self._feet = None if set(ANKLES) & set(self._layout.names) else VirtualFeet(human.dimensions)
+        names = self._layout.names + (() if self._feet is None else ANKLES)
         self._names, self._sensor_count = names, len(self._layout.names)
         sensor_frames = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
         self.scene_obstacles = SceneObstacles(scene)
@@ -188,12 +189,20 @@ class Reconstructor:
         self._balance = Balance(over_feet[0]) if over_feet else None
         self._balance_error = next((i for i, slot in enumerate(self.hierarchy.slots) if slot.kind in _BALANCE), None)
         self._carried = next((Carried(task.by) for task in tasks if isinstance(task, CarriedTask)), None)
-        self._crouch = _crouch(priorities, human)
+        # The posture of a posture task that lowers with the head.
+        self._crouch = next(
+            (
+                Crouch(human, upright=task.towards, lowered=task.lowered)
+                for task in tasks
+                if isinstance(task, PostureTask) and task.lowered is not None
+            ),
+            None,
+        )
         self._depth = self._crouch or Crouch(human, upright="natural", lowered="crouch")
-        joints_of = self._layout.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
+        joints_of = self._layout.joints + ([] if self._feet is None else [POINTS.index(name) for name in ANKLES])
         self._joints_of = np.array(joints_of, dtype=np.int64)
         self._carrying: CarryingFeet | None = None
-        self._phases, self._ankles = PhaseShares(), [POINTS.index(name) for name in _FEET]
+        self._phases, self._ankles = PhaseShares(), [POINTS.index(name) for name in ANKLES]
         self._intake = SensorIntake(len(names), intake)
         self._reach = Reach(names, [POINTS[index] for index in joints_of], human.dimensions)
         self._source, self._slots = self.hierarchy.position_slots(names)
@@ -229,7 +238,6 @@ class Reconstructor:
         for _ in range(_SETTLING_FRAMES):
             self.hierarchy.solver.reset(self._q)
             before = self._q
-            self._bear(points, _SETTLING_S)
             self._solve(points, turns, _SETTLING_S, self._intake.position)
             if float(np.abs(self._q - before).max()) < _SETTLED:
                 break
@@ -272,7 +280,6 @@ class Reconstructor:
             # Virtual feet count as planted feet do: they steady the heading.
             self._heading.step(points, _facing(turns), dt=dt / parts)
             self.scene_obstacles.tick(self.hierarchy, dt / parts)
-            self._bear(points, dt / parts)
             self._solve(points, turns, dt / parts, at)
         if self._second.is_due(missed, dt):
             self._try_second_posture(missed)
@@ -307,7 +314,9 @@ class Reconstructor:
 
     def _solve(self, points: Points, turns: list[SensorTurn], dt: float, at: FloatArray) -> None:
         """Set all targets and solve one frame. at (k, 3) m: all goals; `points`: those that are present."""
-        hierarchy, targets = self.hierarchy, self._targets
+        hierarchy, targets, heading = self.hierarchy, self._targets, self._heading.forward
+        feet = [points[name] for name in ANKLES if name in points]
+        lowered, bent = self._crouched(points, feet)
         hierarchy.clear(targets)
         self._block[:, 0] = self._intake.present
         self._block[:, 1:] = at
@@ -315,11 +324,11 @@ class Reconstructor:
         for turn in turns:
             hierarchy.set_orientation(targets, turn.sensor, turn.link)
         if self._balance is not None:
+            self._balance.step(feet, heading, dt=dt, lowered=lowered)
             hierarchy.set_centre_of_mass(targets, self._balance.goal, self._balance.weight)
-        lowered = self._crouched(points)
         if self._crouch is not None and "head" in points:
             hierarchy.set_posture(targets, self._crouch.posture(lowered))
-        hierarchy.set_heading(targets, self._heading.forward, lowered=lowered, bent=self._bent(points, lowered))
+        hierarchy.set_heading(targets, heading, lowered=lowered, bent=bent)
         hierarchy.set_previous(targets, self._q, dt)
         if self._carried is not None:
             carried = self._carried.step(self._q[:3].tolist(), points, dt)
@@ -328,11 +337,6 @@ class Reconstructor:
         carrying = Carrying.BOTH if self._carrying is None else self._carrying.carrying
         hierarchy.set_phases(targets, self._phases.step(carrying, dt))
         self._q = hierarchy.solver.frame(targets, dt)
-
-    def _bear(self, points: Points, dt: float) -> None:
-        if self._balance is not None:
-            feet = [points[name] for name in _FEET if name in points]
-            self._balance.step(feet, self._heading.forward, dt=dt, lowered=self._crouched(points))
 
     def _posture(self, dt: float) -> HumanPosture:
         joints, orientations, centre_of_mass = self._reader.read(self._q)
@@ -383,11 +387,8 @@ class Reconstructor:
 
     def _present(self, at: FloatArray) -> Points:
         """Goals of the present sensors by name, m, of at (k, 3)."""
-        asked = at.tolist()
-        if self._intake.all_present:
-            return dict(zip(self._names, asked, strict=True))
-        present = self._intake.present.tolist()
-        return {name: at for name, at, is_there in zip(self._names, asked, present, strict=True) if is_there}
+        goals = zip(self._names, at.tolist(), self._intake.present.tolist(), strict=True)
+        return {name: goal for name, goal, is_present in goals if is_present}
 
     def _with_feet(
         self, position: FloatArray, orientation: FloatArray, valid: BoolArray
@@ -400,20 +401,14 @@ class Reconstructor:
             np.concatenate([valid, [True, True]]),
         )
 
-    def _crouched(self, points: Points) -> float:
-        feet = [points[name] for name in _FEET if name in points]
+    def _crouched(self, points: Points, feet: list[list[float]]) -> tuple[float, float]:
+        """Shares, 0 to 1, by which the body is lowered and bent over; 0 without a crouch, head or feet."""
         if self._crouch is None or "head" not in points or not feet:
-            return 0.0
-        x, y, z = points["head"]
-        return self._crouch.share(max(hypot(hypot(x - u, y - v), z - w) for u, v, w in feet))
-
-    def _bent(self, points: Points, lowered: float) -> float:
-        feet = [points[name] for name in _FEET if name in points]
-        if self._crouch is None or "head" not in points or not feet:
-            return 0.0
-        (x, y, _), (ahead, aside) = points["head"], self._heading.forward
+            return 0.0, 0.0
+        (x, y, z), (ahead, aside) = points["head"], self._heading.forward
+        lowered = self._crouch.share(max(hypot(hypot(x - u, y - v), z - w) for u, v, w in feet))
         middle = [fsum(foot[axis] for foot in feet) / len(feet) for axis in (0, 1)]
-        return self._crouch.bent(lowered, (x - middle[0]) * ahead + (y - middle[1]) * aside)
+        return lowered, self._crouch.bent(lowered, (x - middle[0]) * ahead + (y - middle[1]) * aside)
 
     def _lowered(self, points: Points) -> float:
         """Share of the crouch of a body without ankle sensors, by the height of the head."""
@@ -421,15 +416,5 @@ class Reconstructor:
         return self._depth.share_by_height(points["head"][2] - self._feet.ankle_height) if "head" in points else 0.0
 
 
-_BALANCE = (SlotKind.OVER_ROOT, SlotKind.OVER_FEET)
-
-
 def _facing(turns: list[SensorTurn]) -> dict[str, Ground]:
     return {turn.sensor: turn.forward for turn in turns}
-
-
-def _crouch(priorities: Priorities, human: Human) -> Crouch | None:
-    for _, _, task in priorities.tasks():
-        if isinstance(task, PostureTask) and task.lowered is not None:
-            return Crouch(human, upright=task.towards, lowered=task.lowered)
-    return None

@@ -13,6 +13,7 @@ import numpy as np
 from retarget.arithmetic import arccos, arcsin, arctan2, cos, exp, hypot, log, matmul, norms, sin, squares
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
+from retarget.human.posture_prior import ANKLES
 from retarget.ik.least_squares import least_squares
 from retarget.model.human_dimensions import (
     FRACTIONS,
@@ -61,11 +62,9 @@ SEEN_BEND_SPREAD_RAD = 0.4  # of one with a sensor
 _AVERAGE = proportional_dimensions(1.0)  # of stature 1 m: only the proportions are used
 
 
-def _group_of(name: str) -> int:
-    return next((group for group, members in enumerate(_GROUPS) if kind_of(name) in members), 0)
-
-
-_GROUP_OF = np.array([_group_of(name) for name in POINTS])
+_GROUP_OF = np.array(
+    [next((group for group, members in enumerate(_GROUPS) if kind_of(name) in members), 0) for name in POINTS]
+)
 _BROAD = np.array([name[2:] in ("shoulder", "hip") for name in POINTS])
 _SEGMENT_ROWS = np.array([[POINTS.index(name) for name in limb] for limb in LIMBS])
 _HANDS = np.array([POINTS.index("l_hand"), POINTS.index("r_hand")])
@@ -112,7 +111,6 @@ def _directions(parameters: FloatArray) -> FloatArray:
 
 
 REQUIRED = ("head", "l_wrist", "r_wrist")  # without ankles the ground (z = 0) stands in for them
-ANKLES = ("l_ankle", "r_ankle")
 
 SENSOR_SPREAD_M = 0.01  # of a sensor about the joint centre that it stands for
 LOOSE_SPREAD_M = 0.05  # of a sensor beside its joint: a controller in the hand, a cap on the head
@@ -195,15 +193,20 @@ def fit_rest_pose(
     offset *= np.minimum(1.0, MAX_LOOSE_M / np.maximum(norms(offset), 1e-9))[:, None]
     unusual = float(np.abs(prior(fit, bend)[:7]).max())
     points = body_points(fit)
-    _check_fit(points[columns] + offset - position, unusual, source=source)
-    return RestFit(_dimensions(fit, source=source), offset, _arms(points))
-
-
-def _arms(points: FloatArray) -> FloatArray:
-    """Angles (2,) rad of both arms from hanging."""
+    misfit = points[columns] + offset - position
+    rms = float(np.sqrt(squares(misfit).mean()))
+    if not rms <= MAX_RESIDUAL_M or unusual > MAX_SPREADS:
+        raise InputError(
+            "the sensors do not show a human at rest",
+            where=source,
+            found=f"a best fit {1000 * rms:.0f} mm off, {unusual:.1f} spreads from average proportions",
+            allowed=f"{1000 * MAX_RESIDUAL_M:.0f} mm and {MAX_SPREADS:.0f} spreads",
+            next_step="Stand upright with straight arms, hanging, half raised or straight out, and record again",
+        )
     ends = [[POINTS.index(f"{side}_{end}") for side in "lr"] for end in ("shoulder", "wrist")]
     along = points[ends[1]] - points[ends[0]]
-    return np.asarray(arccos(np.clip(-along[:, 2] / norms(along), -1.0, 1.0)))
+    arms = np.asarray(arccos(np.clip(-along[:, 2] / norms(along), -1.0, 1.0)))
+    return RestFit(_dimensions(fit, source=source), offset, arms)
 
 
 def find_rest_frames(frames: SensorFrames) -> tuple[int, ...]:
@@ -251,7 +254,7 @@ def standing_stature(frames: SensorFrames, at: int) -> float:
 
 
 def _head_height(sensors: Mapping[str, FloatArray]) -> tuple[float, float, float]:
-    """Return the height (m) of the head above the ankles, or the ground, its share of stature, and the ground's height."""
+    """Return the head's height (m) above the ankles, or the ground, its share of stature, and the ground's height."""
     head = float(sensors["head"][2])
     if not set(ANKLES) <= set(sensors):
         return head, FRACTIONS.head_height, 0.0
@@ -298,18 +301,6 @@ def _first_guess(sensors: Mapping[str, FloatArray], *, source: str) -> FloatArra
     angles = parameters[ANGLES].reshape(4, 2, 2)
     angles[:2, :, 0] = arcsin(outward)
     return parameters
-
-
-def _check_fit(misfit: FloatArray, unusual: float, *, source: str) -> None:
-    rms = float(np.sqrt(squares(misfit).mean()))
-    if not rms <= MAX_RESIDUAL_M or unusual > MAX_SPREADS:
-        raise InputError(
-            "the sensors do not show a human at rest",
-            where=source,
-            found=f"a best fit {1000 * rms:.0f} mm off, {unusual:.1f} spreads from average proportions",
-            allowed=f"{1000 * MAX_RESIDUAL_M:.0f} mm and {MAX_SPREADS:.0f} spreads",
-            next_step="Stand upright with straight arms, hanging, half raised or straight out, and record again",
-        )
 
 
 def _dimensions(parameters: FloatArray, *, source: str) -> HumanDimensions:

@@ -260,7 +260,16 @@ def lay_on_ticks(
                 allowed=f"{start:.3f} s, where the motion begins, or later",
                 next_step="To play the pose too, add --keep-calibration-frame",
             )
-    frames = _selected(frames, performer).cut(start, playback.end)
+    missing = [name for name in performer.sensors if name not in frames.names]
+    if missing:
+        raise UsageError(
+            f"the source does not have all sensors of performer {performer.name!r}",
+            where=frames.source,
+            found=f"no {', '.join(missing)}",
+            allowed=", ".join(frames.names),
+            next_step="Choose another --performer",
+        )
+    frames = frames.select(tuple(performer.sensors)).cut(start, playback.end)
     frames = replace(frames, position=without_spikes(frames.time, frames.position))
     if playback.mirror:
         frames = frames.mirror().select(tuple(performer.sensors))
@@ -322,19 +331,6 @@ def calibration_pose(frames: SensorFrames) -> CalibrationPose | None:
     except InputError:
         return None
     return CalibrationPose(rest_pose_name(0.5 * (left + right)), count) if abs(left - right) <= ALIKE_RAD else None
-
-
-def _selected(frames: SensorFrames, performer: Performer) -> SensorFrames:
-    missing = [name for name in performer.sensors if name not in frames.names]
-    if missing:
-        raise UsageError(
-            f"the source does not have all sensors of performer {performer.name!r}",
-            where=frames.source,
-            found=f"no {', '.join(missing)}",
-            allowed=", ".join(frames.names),
-            next_step="Choose another --performer",
-        )
-    return frames.select(tuple(performer.sensors))
 
 
 def _count(duration: float, step: float) -> int:

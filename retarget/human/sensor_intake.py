@@ -65,7 +65,7 @@ class SensorIntake:
         self.orientation: FloatArray = np.full((count, 4), np.nan)
         self._turn = self.orientation  # last goal of each
         self._offset = np.zeros((count, 3))  # from each sensor to its goal
-        self._led: BoolArray = np.zeros(count, dtype=bool)  # sensors that are being blended in
+        self._blending: BoolArray = np.zeros(count, dtype=bool)  # sensors that are being blended in
         self._slow: BoolArray = np.zeros(count, dtype=bool)  # sensors that have not arrived since a hold
 
     def start(self, position: FloatArray, orientation: FloatArray, valid: BoolArray) -> None:
@@ -78,7 +78,7 @@ class SensorIntake:
         self.all_present = bool(valid.all())
         self._lost_for[:] = np.where(valid, 0.0, np.inf)
         self._has_lost = not self.all_present
-        self._offset[:], self._led[:], self._slow[:], self.away = 0.0, False, False, 0.0
+        self._offset[:], self._blending[:], self._slow[:], self.away = 0.0, False, False, 0.0
         self.orientation = self._turn = np.where(valid[:, None], orientation, np.nan)
 
     def resume(self, speed: float = 1.0) -> None:
@@ -98,15 +98,15 @@ class SensorIntake:
         calm = squares(moved) <= np.square(FASTEST_M_S * since)
         # Jumps are handled below, and without a velocity any direction is possible.
         most = SPIKE_M + 0.5 * HARDEST_M_S2 * since * since
-        on_way = (
+        on_path = (
             (squares(moved - self._velocity * since[:, None]) <= most * most)
             | ~self.present
             | ~calm
             | np.isnan(self._velocity[:, 0])
         )
         believed = valid
-        if self._has_lost or np.count_nonzero(calm & on_way & valid) != len(calm):
-            believed = self._believed(position, valid, dt) & on_way
+        if self._has_lost or np.count_nonzero(calm & on_path & valid) != len(calm):
+            believed = self._believed(position, valid, dt) & on_path
             self._take_irregular(position, believed, calm, reached=reached, dt=dt)
         else:
             self.measured[:] = position
@@ -123,23 +123,23 @@ class SensorIntake:
         alike = np.abs((before * self.orientation).sum(axis=1))  # cosine of half of the angle between them
         half = 0.5 * FASTEST_RAD_S * dt
         goes_on = 2.0 - 2.0 * alike <= half * half
-        self._led |= known & ~goes_on & np.isfinite(self._turn[:, 0])
-        if self._led.any():
-            self._lead_in(dt)
+        self._blending |= known & ~goes_on & np.isfinite(self._turn[:, 0])
+        if self._blending.any():
+            self._blend(dt)
         else:
             self.position[:], self.away = self.measured, 0.0
         self._turn = np.where(known[:, None], self.orientation, self._turn)
 
-    def _lead_in(self, dt: float) -> None:
+    def _blend(self, dt: float) -> None:
         """Move goals towards their sensors by one common share, so that a body between two feasible postures is
         feasible. A goal stays where it is while its sensor comes nearer."""
         offset, angles = self.position - self.measured, np.zeros(len(self.present))
         grown = squares(offset) > squares(self._offset)
         offset[grown] = self._offset[grown]
-        turning = self._led & np.isfinite(self.orientation[:, 0]) & np.isfinite(self._turn[:, 0])
+        turning = self._blending & np.isfinite(self.orientation[:, 0]) & np.isfinite(self._turn[:, 0])
         angles[turning] = rotations.angle_between(self._turn[turning], self.orientation[turning])
         for is_slow, times in ((False, self._times), (True, self._slow_times)):
-            rows = self._led & self.present & (self._slow == is_slow)
+            rows = self._blending & self.present & (self._slow == is_slow)
             if not rows.any():
                 continue
             share = exp(-dt / times.fade)
@@ -151,7 +151,7 @@ class SensorIntake:
             self.orientation[turned] = rotations.slerp(
                 self.orientation[turned], self._turn[turned], np.full(np.count_nonzero(turned), share)
             )
-            self._led &= goes_on | ~rows
+            self._blending &= goes_on | ~rows
             self._slow &= goes_on | ~rows
         self._offset, self.away = offset, float(norms(offset[self.present]).max(initial=0.0))
         np.add(self.measured, offset, out=self.position)
@@ -175,11 +175,11 @@ class SensorIntake:
         """Handle losses, returns and jumps. A sensor that has jumped is not valid until it is accepted."""
         absent_before = ~self.present
         back = valid & (absent_before | (self._lost_for > 0.0))
-        asked_before = np.where(absent_before[:, None], reached, self.position)
+        goal_before = np.where(absent_before[:, None], reached, self.position)
         changed = back | (valid & ~calm)
-        self.position[changed] = asked_before[changed]
-        self._offset[changed] = asked_before[changed] - position[changed]
-        self._led |= changed
+        self.position[changed] = goal_before[changed]
+        self._offset[changed] = goal_before[changed] - position[changed]
+        self._blending |= changed
         self.measured[valid] = position[valid]
         self._lost_for[valid] = 0.0
         self._lost_for[~valid] += dt
@@ -208,7 +208,7 @@ def without_spikes(time: FloatArray, position: FloatArray) -> FloatArray:
 TRUNK_STRETCH = 1.25  # greatest distance of two points of the trunk, as a multiple of that at rest
 REACH_KNEE = 0.05  # share of the greatest distance, at its end, into which farther goals are drawn
 
-_LIMBS = {
+_LIMB_CHAINS = {
     "shoulder": ("elbow", "wrist", "hand"),
     "hip": ("knee", "ankle", "toe"),
 }  # joint at which each limb begins, and its joints from there on
@@ -245,7 +245,7 @@ def _furthest(anchor: str, joint: str, dimensions: HumanDimensions) -> float:
 def _from_trunk(joint: str, dimensions: HumanDimensions) -> tuple[str, float]:
     """Return the joint of the trunk that a limb hangs on and the limb's length up to `joint`, m."""
     side, kind = (joint[:2], joint[2:]) if joint[1] == "_" else ("", joint)
-    for root, chain in _LIMBS.items():
+    for root, chain in _LIMB_CHAINS.items():
         if kind in chain:
             return side + root, fsum(dimensions.length(side + part) for part in chain[: chain.index(kind) + 1])
     return joint, 0.0

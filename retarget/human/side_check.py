@@ -51,8 +51,8 @@ class SideCheck:
         """Description of how far both wrists rose."""
         left, right = 100 * self._highest
         forward = 100 * self._forward
-        way = f"forward by {forward:.0f} cm" if forward >= 0.0 else f"back by {-forward:.0f} cm"
-        return f"the left wrist rose by {left:.0f} cm and went {way}, the right wrist rose by {right:.0f} cm"
+        direction = f"forward by {forward:.0f} cm" if forward >= 0.0 else f"back by {-forward:.0f} cm"
+        return f"the left wrist rose by {left:.0f} cm and went {direction}, the right wrist rose by {right:.0f} cm"
 
 
 def _what_moved(moved: FloatArray) -> str:

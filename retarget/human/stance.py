@@ -7,7 +7,8 @@ import numpy as np
 from retarget import rotations
 from retarget.arithmetic import dot, norm
 from retarget.errors import InputError
-from retarget.human.rest_pose import ANKLES, REQUIRED, may_stand
+from retarget.human.posture_prior import ANKLES
+from retarget.human.rest_pose import REQUIRED, may_stand
 from retarget.types import FloatArray
 
 PAIRS = ("ankle", "wrist", "hip", "shoulder", "knee", "elbow")
@@ -43,12 +44,12 @@ def refuse_sides(at: Mapping[str, FloatArray], *, where: str, turns: Mapping[str
 
 
 def _refuse_crossed(at: Mapping[str, FloatArray], *, where: str) -> None:
-    ways = {part: (at[f"l_{part}"] - at[f"r_{part}"])[:2] for part in PAIRS if {f"l_{part}", f"r_{part}"} <= set(at)}
-    if not ways:
+    lines = {part: (at[f"l_{part}"] - at[f"r_{part}"])[:2] for part in PAIRS if {f"l_{part}", f"r_{part}"} <= set(at)}
+    if not lines:
         return
-    widest = max(ways.values(), key=norm)
+    widest = max(lines.values(), key=norm)
     # The distance of each left sensor to the left of its right one, along the line of the widest pair.
-    left = {part: dot(way, widest) / max(norm(widest), NARROWEST_M) for part, way in ways.items()}
+    left = {part: dot(line, widest) / max(norm(widest), NARROWEST_M) for part, line in lines.items()}
     other = [f"{part}s" for part, by in left.items() if by < -NARROWEST_M]
     same = [f"{part}s" for part, by in left.items() if by > NARROWEST_M]
     if not other:
@@ -104,8 +105,8 @@ def refuse_stance(at: Mapping[str, FloatArray], *, where: str, turns: Mapping[st
     refuse_sides(at, where=where, turns=turns)
     if "head" not in at or not may_stand(at) or not set(ANKLES) <= set(at):
         return
-    way = at["l_ankle"] - at["r_ankle"]
-    apart, higher = norm(way[:2]), float(way[2])
+    between = at["l_ankle"] - at["r_ankle"]
+    apart, higher = norm(between[:2]), float(between[2])
     found, allowed = [], []
     if apart > FEET_APART_M:
         found.append(f"your ankles are {apart:.2f} m apart")

@@ -15,9 +15,9 @@ from retarget.types import Carrying
 
 LIFTED_M, TOUCHDOWN_M = 0.06, 0.04  # above the other foot's ankle; shoes and noise are less
 LEFT_M = 0.1  # above the floor; lower, a foot may carry on its toes
-FAST, FASTER, SLOW = 0.8, 1.5, 0.6
-"""Speeds, m/s. A foot lifts off above FAST, the last one above FASTER, as it rolls over its toes; it is down below
-SLOW."""
+LIFT_M_S, LAST_LIFT_M_S, TOUCHDOWN_M_S = 0.8, 1.5, 0.6
+"""A foot lifts off above the first speed, the last foot above the second, as it rolls over its toes; it touches down
+below the third."""
 LIFT_DWELL_S, TOUCHDOWN_DWELL_S = 0.05, 0.02  # before the state of a foot changes
 LONGEST_FLIGHT_S = 0.8  # a jump of 0.8 m
 FOOT_SPEED_SETTLE_S = 0.03  # low-pass on a foot's speed
@@ -50,14 +50,17 @@ class CarryingFeet:
         speeds = self._speeds(ankles, dt)
         for foot in (0, 1):
             carries = self._carries[foot]
-            otherwise = self._leaves(foot, ankles, speeds) if carries else self._touches_down(foot, ankles, speeds)
+            if carries:
+                otherwise = self._lifts_off(foot, ankles, speeds)
+            else:
+                otherwise = ankles[foot][2] - self._floor < TOUCHDOWN_M and speeds[foot] < TOUCHDOWN_M_S
             dwell = self._otherwise[foot]
             if dwell.step(dt, holds=otherwise) > (LIFT_DWELL_S if carries else TOUCHDOWN_DWELL_S):
                 self._carries[foot], dwell.held = not carries, 0.0
         # A flight that is too long ends as soon as the lower foot is slow: it stands on another floor.
         flown = self._flight.step(dt, holds=not any(self._carries))
         lower = 0 if ankles[0][2] < ankles[1][2] else 1
-        if flown > LONGEST_FLIGHT_S and speeds[lower] < SLOW:
+        if flown > LONGEST_FLIGHT_S and speeds[lower] < TOUCHDOWN_M_S:
             self._floor, self._flight.held = ankles[lower][2], 0.0
             self._carries[lower] = True
         # The floor rises slowly and falls at once, as no foot can be below it.
@@ -67,15 +70,12 @@ class CarryingFeet:
             self._floor = low_pass(self._floor, lowest, inf if lowest < self._floor else dt / FLOOR_SETTLE_S)
         return self._decide()
 
-    def _leaves(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
+    def _lifts_off(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
         """True if a carrying foot seems to lift off. On tiptoe both ankles are high, and alike."""
         height, other = ankles[foot][2], 1 - foot
         if self._carries[other]:
-            return speeds[foot] > FAST or height - min(self._floor + LEFT_M, ankles[other][2] + LIFTED_M) > 0.0
-        return speeds[foot] > FASTER or height - self._floor > LEFT_M
-
-    def _touches_down(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
-        return ankles[foot][2] - self._floor < TOUCHDOWN_M and speeds[foot] < SLOW
+            return speeds[foot] > LIFT_M_S or height - min(self._floor + LEFT_M, ankles[other][2] + LIFTED_M) > 0.0
+        return speeds[foot] > LAST_LIFT_M_S or height - self._floor > LEFT_M
 
     def _speeds(self, ankles: Sequence[Point], dt: float) -> list[float]:
         for velocity, ankle in zip(self._velocity, ankles, strict=True):

@@ -5,7 +5,8 @@ from math import cos, degrees, exp, pi, sin
 import numpy as np
 import pytest
 
-from retarget.human.posture_prior import Heading, Point
+from retarget.human.heading import Heading
+from retarget.human.posture_prior import Point
 from retarget.schema.priorities import HeadingSettings, load_priorities
 
 ABOVE = 1.5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from retarget.human.posture_prior import (
-    HEAD_LEAD_M,
+    HEAD_AHEAD_M,
     LIFT_M,
     REACH_M,
     SLACK_M,
@@ -119,7 +119,7 @@ def test_a_sensor_that_is_not_there_does_not_carry() -> None:
 
 def standing() -> VirtualFeet:
     feet = VirtualFeet(proportional_dimensions(1.75))
-    feet.start([HEAD_LEAD_M[0], 0.0, 1.6], (1.0, 0.0), crouch=0.0)
+    feet.start([HEAD_AHEAD_M[0], 0.0, 1.6], (1.0, 0.0), crouch=0.0)
     return feet
 
 
@@ -127,9 +127,9 @@ def test_they_stay_while_the_head_sways_and_while_it_goes_down() -> None:
     feet = standing()
     before = feet.ankles.copy()
     for share in np.linspace(0.0, 1.0, 20):
-        feet.step([HEAD_LEAD_M[0] + share * 0.9 * REACH_M, 0.0, 1.6], (1.0, 0.0), crouch=0.0, dt=0.05)
+        feet.step([HEAD_AHEAD_M[0] + share * 0.9 * REACH_M, 0.0, 1.6], (1.0, 0.0), crouch=0.0, dt=0.05)
     for share in np.linspace(0.3, 1.0, 20):
-        ahead = HEAD_LEAD_M[0] + share * (HEAD_LEAD_M[1] - HEAD_LEAD_M[0])
+        ahead = HEAD_AHEAD_M[0] + share * (HEAD_AHEAD_M[1] - HEAD_AHEAD_M[0])
         feet.step([ahead, 0.0, 1.6 - 0.8 * share], (1.0, 0.0), crouch=share, dt=0.05)
     assert (feet.ankles == before).all()
 
@@ -137,7 +137,7 @@ def test_they_stay_while_the_head_sways_and_while_it_goes_down() -> None:
 def test_of_a_walk_they_step_in_turn_and_do_not_slide() -> None:
     feet, dt, seen = standing(), 0.01, []
     for k in range(300):
-        feet.step([HEAD_LEAD_M[0] + 1.2 * dt * k, 0.0, 1.5], (1.0, 0.0), crouch=0.0, dt=dt)
+        feet.step([HEAD_AHEAD_M[0] + 1.2 * dt * k, 0.0, 1.5], (1.0, 0.0), crouch=0.0, dt=dt)
         seen.append(feet.ankles.copy())
     ankles = np.array(seen)[100:]  # its first steps hurry after a head that sets off in no time
     moved = np.linalg.norm(np.diff(ankles, axis=0), axis=2) > 1e-9  # (T, 2)
@@ -153,9 +153,9 @@ def test_in_a_jump_they_leave_the_floor_on_legs_that_bend_a_little() -> None:
     heads = np.linspace(1.5, 2.2, 140)  # [m] up from a crouch; the last ones are a jump
     heights, lengths = [], []
     for head in heads:
-        feet.step([HEAD_LEAD_M[0], 0.0, head], (1.0, 0.0), crouch=0.0, dt=0.01)
+        feet.step([HEAD_AHEAD_M[0], 0.0, head], (1.0, 0.0), crouch=0.0, dt=0.01)
         heights.append(feet.ankles[0, 2])
-        lengths.append(np.linalg.norm(feet.ankles[0] - [HEAD_LEAD_M[0], 0.0, head]))
+        lengths.append(np.linalg.norm(feet.ankles[0] - [HEAD_AHEAD_M[0], 0.0, head]))
     off = np.array(heights) > floor
     assert off.any() and not off.all() and (np.diff(heights) >= 0.0).all()
     longest = max(lengths)
