@@ -75,7 +75,7 @@ def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[P
             note("other group", seen=seen, own=own, group=sent_to[0], port=sent_to[1])
         else:
             note("no frames, multicast", group=session.group[0], port=session.group[1])
-    if session.asked_at is not None and now - session.asked_at >= PATIENCE_S:
+    if session.definitions_requested_at is not None and now - session.definitions_requested_at >= PATIENCE_S:
         note("no names")
     return tuple(found)
 

@@ -9,7 +9,7 @@ import pytest
 from rendered import RATE, Motion
 from retarget import Pipeline, SensorSample
 from retarget.sources.streams import camera
-from retarget.sources.streams.camera import SENSORS, CameraDecoder
+from retarget.sources.streams.camera import CAMERA_SENSORS, CameraDecoder
 from retarget.types import BoolArray, FloatArray, IntArray
 
 WRISTS_M, ARMS_RAD = 0.12, np.deg2rad(20.0)
@@ -21,8 +21,8 @@ ARMS = [
 
 @dataclass(frozen=True, eq=False)
 class Decoded:
-    """A clip through the decoder: time (T,) s; position (T, 11, 3) m and tracked (T, 11) of SENSORS; row (T,) of each
-    frame in the motion."""
+    """A clip through the decoder: time (T,) s; position (T, 11, 3) m and tracked (T, 11) of CAMERA_SENSORS; row (T,) of
+    each frame in the motion."""
 
     time: FloatArray
     position: FloatArray
@@ -31,7 +31,7 @@ class Decoded:
 
     def of(self, name: str) -> FloatArray:
         """Track (T, 3) m of a sensor."""
-        return self.position[:, SENSORS.index(name)]
+        return self.position[:, CAMERA_SENSORS.index(name)]
 
 
 def decoded(datagrams: Iterable[bytes], *, every: int) -> Decoded:
@@ -50,7 +50,7 @@ def decoded(datagrams: Iterable[bytes], *, every: int) -> Decoded:
 def errors(clip: Decoded, truth: Motion, names: Iterable[str]) -> FloatArray:
     """Distances (T, k) m of sensors from the truth, once the first second was laid onto it (turned about the vertical
     and moved)."""
-    shared = [name for name in SENSORS if name != "chest"]
+    shared = [name for name in CAMERA_SENSORS if name != "chest"]
     seen = np.stack([clip.of(name) for name in shared], axis=1)
     known = np.stack([truth.of(name)[clip.row] for name in shared], axis=1)
     begin = clip.row < RATE
@@ -68,8 +68,10 @@ def errors(clip: Decoded, truth: Motion, names: Iterable[str]) -> FloatArray:
 
 def arms_off(clip: Decoded, truth: Motion, *, every: int) -> FloatArray:
     """Angles (T, 4) rad between ARMS of the virtual human that follows the clip and the truth, who faces x in both."""
-    pipeline, nothing = Pipeline(None, performer="web", rate_hz=RATE / every), np.full((len(SENSORS), 4), np.nan)
-    samples = [SensorSample(SENSORS, at, nothing, ok) for at, ok in zip(clip.position, clip.tracked, strict=True)]
+    pipeline, nothing = Pipeline(None, performer="web", rate_hz=RATE / every), np.full((len(CAMERA_SENSORS), 4), np.nan)
+    samples = [
+        SensorSample(CAMERA_SENSORS, at, nothing, ok) for at, ok in zip(clip.position, clip.tracked, strict=True)
+    ]
     pipeline.start(samples[0])
     humans = [pipeline.step(sample, pipeline.dt).human for sample in samples]
     seen = np.array([[human.joint(far) - human.joint(near) for near, far in ARMS] for human in humans])

@@ -3,17 +3,16 @@
     {"axes": "camera", "time": 12.345, "frame": 741, "size": [640, 480],
      "landmarks": [[u, v, x, y, z, visibility], ... 33]}
 
-The landmarks are MediaPipe's: u, v in the picture (0 to 1, right and down) and x, y, z in metres from the middle of
-the hips (right in the picture, down, away from the camera). One camera knows directions well, depths badly, and not
-where the performer stands. So directions alone are taken from it, and a body of usual proportions is built of them:
+Landmarks are MediaPipe's: u, v in the picture (0 to 1, right and down), x, y, z in m from the middle of the hips (right
+in the picture, down, away from the camera). One camera shows directions well, depths badly, and no position in the
+room. So a body of average size is built from directions alone:
 
-* The feet stay where they stand; a foot moves while it is seen to be lifted, or is seen elsewhere.
-* The height of the hips is that of the picture, as a share of what it is while standing.
-* What leans away from the camera as a whole, from the feet to the shoulders, is the camera's error: it is sheared away.
-* What is not seen, not in the picture or not plausible is not tracked. Nothing is made up for it.
+* Feet stay in place; a foot moves while it is seen lifted, or is seen elsewhere.
+* The height of the hips is that in the picture, as a share of the height while standing.
+* A mean lean of the whole body away from the camera is the camera's error and is sheared away.
+* Landmarks that are not seen, outside of the picture or implausible are not tracked.
 
-The body always has the same size: for a camera a tall performer looks like a near one, and a robot takes its own.
-World: REP-103, the performer faces x, which points to the camera.
+World: REP-103, the performer faces x, towards the camera.
 """
 
 import math
@@ -28,6 +27,7 @@ from retarget import rotations
 from retarget._solver import PoseFilter
 from retarget.arithmetic import arctan2, dot, matmul, norm, norms
 from retarget.model.human_dimensions import FRACTIONS, proportional_dimensions
+from retarget.sources.canonical import TYPICAL_HEIGHT_M
 from retarget.sources.streams.json_pose import (
     MAX_FRAME,
     MAX_TIME,
@@ -40,15 +40,13 @@ from retarget.sources.streams.stream_frame import Dropped, StreamFrame
 from retarget.types import BoolArray, FloatArray
 
 AXES = "camera"
-"""What such a frame has as `axes`."""
-
-# What comes in.
+"""Value of `axes` in such a frame."""
 
 LANDMARKS = 33
 MAX_PIXELS = 16_384
 """Largest width and height of a picture."""
 FARTHEST_M = 5.0
-"""A landmark farther from the hips is none of a body; nor is one farther out of the picture, in pictures."""
+"""Largest distance of a landmark from the hips, and from the picture in picture sizes."""
 _KEYS = {"axes", "time", "frame", "size", "landmarks"}
 
 NOSE, EARS, SHOULDERS, ELBOWS, WRISTS = 0, [7, 8], [11, 12], [13, 14], [15, 16]
@@ -58,10 +56,10 @@ HIPS, KNEES, ANKLES = [23, 24], [25, 26], [27, 28]
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """One frame. time: s; number: of the frame, None where none was sent. point (33, 3): m from the middle of the hips,
-    REP-103; picture (33, 2): pixels, right and down; inside (33,): in the picture; visibility (33,): 0 to 1.
+    """One frame; the arrays are empty if there is no person.
 
-    Of a picture without a person, the arrays are empty.
+    time: s. number: of the frame, None if not sent. point (33, 3): m from the middle of the hips, REP-103. picture (33,
+    2): pixels, right and down. inside (33,): in the picture. visibility (33,): 0 to 1.
     """
 
     time: float
@@ -97,30 +95,28 @@ def _landmarks(message: Mapping[str, Any]) -> Landmarks:
     return Landmarks(float(time), number, point, picture, inside, table[:, 5])
 
 
-# What of it counts.
-
 OUTSIDE = 0.02
 """Share of the picture by which a landmark may lie outside: at its edge, half of a hand is seen."""
 SEEN, UNSEEN = 0.5, 0.35
 """Visibility from which a landmark counts, and below which it no longer does."""
 FACING_M = 0.1
-"""The left shoulder and hip are to the left of the right ones by at least this, together, m (usual: 0.5): a performer
-seen from behind, or from the side, has left and right exchanged more often than not."""
-EXCHANGED_M, EXCHANGED_S = 0.3, 0.3
-"""A pair of limbs that jumps by this, m, to where the other one was has been exchanged; for at most this time, s."""
+"""Least sum, m, by which the left shoulder and hip are left of the right ones (usual: 0.5): from behind or from the
+side, left and right are mostly swapped."""
+SWAPPED_M, SWAPPED_S = 0.3, 0.3
+"""A pair of limbs that jumps by this, m, to the other one's place is swapped, for at most this time, s."""
 _PAIRS = np.array([ELBOWS, WRISTS, KNEES, ANKLES])
 
 
 class Sight:
-    """Which landmarks count, from frame to frame."""
+    """Selects the landmarks that count, from frame to frame."""
 
     def __init__(self) -> None:
         self._seen: BoolArray = np.zeros(LANDMARKS, dtype=bool)
-        self._before: FloatArray | None = None  # (4, 2, 3) m, the pairs when they were last plausible
-        self._time = -math.inf  # [s] of that
+        self._before: FloatArray | None = None  # (4, 2, 3) m, the last plausible pairs
+        self._time = -math.inf  # [s] of these pairs
 
     def take(self, frame: Landmarks, dropped: Dropped) -> BoolArray:
-        """Which of the landmarks (33,) count."""
+        """Mask of the landmarks (33,) that count."""
         if not len(frame.point):
             self._seen, self._before = np.zeros(LANDMARKS, dtype=bool), None
             return self._seen
@@ -134,27 +130,27 @@ class Sight:
             return self._seen
         now = frame.point[_PAIRS]
         counts = self._seen.copy()
-        if self._before is not None and frame.time - self._time < EXCHANGED_S:
+        if self._before is not None and frame.time - self._time < SWAPPED_S:
             stays = norms(now - self._before).sum(axis=1)
             swaps = norms(now[:, ::-1] - self._before).sum(axis=1)
-            exchanged = (stays > 2.0 * EXCHANGED_M) & (swaps < 0.5 * stays)
-            if exchanged.any():
+            swapped = (stays > 2.0 * SWAPPED_M) & (swaps < 0.5 * stays)
+            if swapped.any():
                 dropped.note("left and right limbs exchanged from one picture to the next")
-                counts[_PAIRS[exchanged]] = False
+                counts[_PAIRS[swapped]] = False
                 return counts
         self._before, self._time = now, frame.time
         return counts
 
 
 class RunningMean:
-    """A slow mean: of all values at first, and with a time constant (s) later."""
+    """A slow mean: of all values at first, then with a time constant, s."""
 
     def __init__(self, seconds: float) -> None:
         self.value = math.nan
         self._seconds, self._age = seconds, 0.0
 
     def take(self, value: float, dt: float, *, slower: float = 1.0) -> float:
-        """The mean with a value that held for `dt` s. slower: factor on the time constant."""
+        """The mean after a value that held for `dt` s. slower: factor on the time constant."""
         if self._age == 0.0:
             self.value = value
         self._age = min(self._age + dt, self._seconds)
@@ -162,43 +158,40 @@ class RunningMean:
         return self.value
 
 
-# The body that is built.
-
-BODY = proportional_dimensions(1.70)
-"""Its size, stature in m: that of a usual grown person, whatever that of the performer."""
+BODY = proportional_dimensions(TYPICAL_HEIGHT_M)
+"""The body that is built, whatever the performer's size: for a camera a tall performer looks like a near one."""
 THIGH, SHANK = BODY.length("l_knee"), BODY.length("l_ankle")
 ANKLE_M = FRACTIONS.ankle_height * BODY.stature
 """Height of an ankle above the floor, m."""
 HIP = BODY.of("l_hip")
-"""From the pelvis to the left hip, m."""
+"""Offset from the pelvis to the left hip, m."""
 SHEAR_S, STANDING_S, DISTANCE_S, FEET_S = 20.0, 20.0, 5.0, 5.0
-"""Time constants, s: of the lean of everything, of the picture's measures while standing, of the distance (a crouch
-takes less time), and of the difference in height of feet that stand."""
+"""Time constants, s: of the lean, of the picture's measures while standing, of the distance (a crouch is shorter), and
+of the height difference of standing feet."""
 STANDS = 0.93
-"""Share of the usual height of the hips from which the performer stands upright."""
+"""Share of the usual hip height from which the performer stands upright."""
 CROUCHED = 4.0
-"""While they do not, measures of standing are learned this many times slower."""
+"""Factor on the time constants of measures while standing, when the performer does not stand."""
 TALLER, STOOD_UP = 1.15, 0.05
-"""Hips this many times higher than while standing: the performer sat when they were first seen. It is learned in this
-share of the time."""
+"""Hips this many times higher than while standing show that the performer sat at first. The height is then learned in
+this share of the time."""
 PITCH_SHARE = 0.4
-"""Share of the lean forward of trunk and head that is believed."""
+"""Share of the forward lean of trunk and head that is used: depths are poor."""
 LIFT_M = (0.08, 0.13)
-"""A foot that is this much higher in the picture than the other, m, begins to be lifted, and is lifted: of feet that
-stand, one is seen up to 9 cm higher while the performer crouches."""
+"""Height difference of the feet in the picture, m, from which one begins to be lifted, and is lifted: standing feet
+differ by up to 0.09 m in a crouch."""
 SLIDES_M = np.array([0.40, 0.12])
-"""A foot that is seen this far from where it stands, m forward and sideward, has moved there unseen."""
+"""Distance of a standing foot from its place, m forward and sideward, beyond which it has moved unseen."""
 FORWARD_SHARE = 0.5
-"""Share of how far one foot is ahead of the other that is believed of a lifted foot."""
+"""Share of the forward distance between the feet that is used: depths are poor."""
 YIELDS = 0.01
-"""Share that is shown of what planted feet seem to do: with nothing of it they would look like sensors that are lost,
-which repeat one value."""
+"""Share of the apparent motion of planted feet that is shown: without it they would look like lost sensors, which
+repeat a value."""
 BACK_M = 0.3
-"""The hips are no farther ahead of the feet or behind them, m."""
+"""Largest distance of the hips ahead of the feet or behind them, m."""
 KNEE_M = 0.03
-"""A straight knee bends forward by this much rather than any other way, m."""
+"""Forward bend, m, that is added to knees, so that straight ones bend forward."""
 _FORWARD, _UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
-"""Unit vectors of the world."""
 
 
 def _unit(vector: FloatArray) -> FloatArray:
@@ -206,7 +199,7 @@ def _unit(vector: FloatArray) -> FloatArray:
 
 
 def _frame(up: FloatArray, left: FloatArray) -> FloatArray:
-    """Axes (3, 3) of a part in columns (forward, left, up), of its upward line and what is left of it."""
+    """Axes (3, 3) of a part as columns forward, left, up, from its upward line and a line to its left."""
     up = _unit(up)
     left = _unit(left - dot(left, up) * up)
     (a, b, c), (x, y, z) = left, up
@@ -214,59 +207,46 @@ def _frame(up: FloatArray, left: FloatArray) -> FloatArray:
 
 
 class FootTracker:
-    """Where the feet stand and how high the hips are, from frame to frame. The state is bounded."""
+    """Positions of the feet and height of the hips, from frame to frame. The state is bounded."""
 
     def __init__(self) -> None:
         self.feet: FloatArray | None = None
-        """(2, 2) m: where the left and right ankle are on the floor; None: not seen so far."""
+        """Left and right ankle (2, 2) m on the floor; None before they were seen."""
         self.lift = np.zeros(2)
-        """(2,) m: how far each is lifted."""
+        """Lift (2,) m of each foot."""
         self.scale = 1.0
         """Metres of the body per metre of the landmarks, by the legs."""
-        self._seen_off = np.zeros(2)  # [m] what is shown of how the feet are seen apart but do not stand
-        self._planted = np.ones(2)  # how much each foot stands, 0 to 1
+        self._seen_off = np.zeros(2)  # [m] shown share of the apparent motion of planted feet
+        self._planted = np.ones(2)  # by foot, 0 (lifted) to 1
         self._level, self._leg = RunningMean(FEET_S), RunningMean(STANDING_S)
         self._measures = [RunningMean(STANDING_S) for _ in range(3)]  # [pixels] leg, trunk, shoulders while standing
         self._distance = RunningMean(DISTANCE_S)
-        self._pixels = 1.0  # of a metre of the body
-        self._share = 1.0  # of the height of the hips while standing
+        self._share = 1.0  # of the hip height while standing
 
     def take(self, frame: Landmarks, point: FloatArray, dt: float) -> None:
         """Take a frame that shows hips and ankles. point (33, 3) m: its landmarks, upright."""
-        self._take_height(frame, dt)
-        upright = self._share > STANDS
-        ankles = point[ANKLES]
-        leg = self._leg.take(float(-ankles[:, 2].min()), dt, slower=1.0 if upright else CROUCHED)
-        self.scale = min(max((THIGH + SHANK) / max(leg, 0.1), 0.5), 2.0)
-        self._take_lift(float(np.diff(frame.picture[ANKLES, 1])[0]) / self._pixels, dt)
-        apart = self.scale * (ankles[0, :2] - ankles[1, :2]) * [FORWARD_SHARE, 1.0]
-        if self.feet is None:
-            half = np.array([0.0, 0.5 * apart[1]])
-            self.feet = np.stack([half, -half])
-        self._move_feet(apart)
-
-    def _take_height(self, frame: Landmarks, dt: float) -> None:
-        """The height of the hips as a share of that while standing: in the picture, at the distance of now."""
+        # Height of the hips in the picture, as a share of that while standing at the present distance.
         hips, shoulders = frame.picture[HIPS].mean(axis=0), frame.picture[SHOULDERS]
         lowest = frame.picture[ANKLES, 1].max() if (self._planted < 0.5).any() else frame.picture[ANKLES, 1].mean()
         across = norm(shoulders[0] - shoulders[1])
         now = [float(lowest - hips[1]), norm(shoulders.mean(axis=0) - hips), across]
-        leg, trunk, width = (max(measure.value, 1.0) for measure in self._measures)  # 1 pixel where none is known yet
+        leg, trunk, width = (max(measure.value, 1.0) for measure in self._measures)  # 1 pixel while unknown
         if math.isfinite(self._measures[0].value):
             # Turning narrows the shoulders and leaning shortens the trunk: neither does both.
             leg *= max(self._distance.take(max(now[1] / trunk, now[2] / width), dt), 0.1)
             self._share = min(max(now[0] / leg, 0.2), 1.05)
         else:
             leg = max(now[0], 1.0)
-        self._pixels = leg / (THIGH + SHANK)
-        # Who stands is measured anew all the time, who has stood up from a chair at once, who crouches hardly.
+        pixels = leg / (THIGH + SHANK)  # per metre of the body
         slower = 1.0 if self._share > STANDS else CROUCHED
         for measure, value in zip(self._measures, now, strict=True):
             stood_up = measure is self._measures[0] and now[0] > TALLER * leg
             measure.take(value, dt, slower=STOOD_UP if stood_up else slower)
-
-    def _take_lift(self, higher: float, dt: float) -> None:
-        """higher: m by which the left ankle is above the right one."""
+        ankles = point[ANKLES]
+        length = self._leg.take(float(-ankles[:, 2].min()), dt, slower=slower)
+        self.scale = min(max((THIGH + SHANK) / max(length, 0.1), 0.5), 2.0)
+        # Lift, by the height of the left ankle above the right one, m, without the usual difference.
+        higher = float(np.diff(frame.picture[ANKLES, 1])[0]) / pixels
         level = self._level.value if math.isfinite(self._level.value) else 0.0
         off = higher - level
         low, high = LIFT_M
@@ -276,20 +256,21 @@ class FootTracker:
         foot = 0 if off > 0.0 else 1
         self.lift, self._planted = np.zeros(2), np.ones(2)
         self.lift[foot], self._planted[foot] = min(abs(off) * lifted, THIGH), 1.0 - lifted
-
-    def _move_feet(self, apart: FloatArray) -> None:
-        """Move what is lifted, and what is seen elsewhere. apart (2,) m: from the right ankle to the left one."""
-        assert self.feet is not None
+        # Feet move if they are lifted, or seen elsewhere.
+        apart = self.scale * (ankles[0, :2] - ankles[1, :2]) * [FORWARD_SHARE, 1.0]
+        if self.feet is None:
+            half = np.array([0.0, 0.5 * apart[1]])
+            self.feet = np.stack([half, -half])
         away = apart - (self.feet[0] - self.feet[1])
         band = SLIDES_M * self._planted.min()
         self._seen_off = YIELDS * away
         away = np.sign(away) * np.maximum(np.abs(away) - band, 0.0)
-        lifted = 1.0 - self._planted
-        share = lifted / lifted.sum() if lifted.sum() > 0.0 else np.array([0.5, 0.5])
-        self.feet = self.feet + np.stack([share[0] * away, -share[1] * away])
+        moving = 1.0 - self._planted
+        shares = moving / moving.sum() if moving.sum() > 0.0 else np.array([0.5, 0.5])
+        self.feet = self.feet + np.stack([shares[0] * away, -shares[1] * away])
 
     def hips(self, point: FloatArray | None) -> FloatArray:
-        """Where the middle of the hips (3,) m is. point (33, 3) m: landmarks from there, None where no foot is seen."""
+        """Middle of the hips (3,) m. point (33, 3) m: landmarks from there, None if no foot is seen."""
         if self.feet is None:
             return np.array([0.0, 0.0, ANKLE_M + THIGH + SHANK])
         planted = self._planted / self._planted.sum()
@@ -304,14 +285,14 @@ class FootTracker:
         return np.array([over[0], over[1], ANKLE_M + min(self._share * reach, highest)])
 
     def ankles(self) -> FloatArray:
-        """(2, 3) m."""
+        """Ankles (2, 3) m."""
         assert self.feet is not None
         shown = self.feet + 0.5 * np.stack([self._seen_off, -self._seen_off])
         return np.concatenate([shown, (ANKLE_M + self.lift)[:, None]], axis=1)
 
 
 def _knee(hip: FloatArray, ankle: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The knee (3,) m between hip and ankle that bends this way, and the ankle, drawn to where the leg reaches."""
+    """Knee (3,) m that bends in the direction `bend`, and the ankle, within reach of the leg."""
     leg = ankle - hip
     length = min(max(norm(leg), 0.1), (THIGH + SHANK) * 0.9999)
     along = _unit(leg)
@@ -321,15 +302,15 @@ def _knee(hip: FloatArray, ankle: FloatArray, bend: FloatArray) -> tuple[FloatAr
     return knee, hip + length * along
 
 
-SENSORS = (
+CAMERA_SENSORS = (
     *("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle", "pelvis", "chest"),
     *("l_knee", "r_knee", "l_elbow", "r_elbow"),
 )
-"""Names of the poses, always all; those that are not seen are not tracked."""
+"""Names of the poses of every frame."""
 _FEET = (*SHOULDERS, *HIPS, *ANKLES)
-_SEES: Mapping[str, tuple[int, ...]] = {
+_NEEDED: Mapping[str, tuple[int, ...]] = {
     "head": (NOSE, *SHOULDERS),
-    "pelvis": _FEET,  # without feet its height is not known
+    "pelvis": _FEET,  # its height needs the feet
     "chest": tuple(SHOULDERS),
     "l_ankle": _FEET,
     "r_ankle": _FEET,
@@ -337,31 +318,31 @@ _SEES: Mapping[str, tuple[int, ...]] = {
     **{f"{side}_elbow": (*SHOULDERS, elbow) for side, elbow in zip("lr", ELBOWS, strict=True)},
     **{f"{side}_wrist": (*SHOULDERS, *arm) for side, arm in zip("lr", zip(ELBOWS, WRISTS, strict=True), strict=True)},
 }
-"""The landmarks that a sensor needs."""
+"""Sensor -> the landmarks that it needs."""
 
 
 class Body:
-    """Landmarks -> sensors of a body of usual size, from frame to frame. The state is bounded."""
+    """Landmarks -> sensors of a body of average size, from frame to frame. The state is bounded."""
 
     def __init__(self) -> None:
         self._lean, self._nod = RunningMean(SHEAR_S), RunningMean(SHEAR_S)
         self._stance = FootTracker()
 
     def take(self, frame: Landmarks, counts: BoolArray, dt: float) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Positions (11, 3) m, orientations (11, 4) wxyz and which are tracked (11,) of SENSORS; NaN where not.
+        """Positions (11, 3) m, orientations (11, 4) wxyz and tracked (11,) of CAMERA_SENSORS; NaN where not tracked.
 
-        counts (33,): the landmarks that count. dt: s since the frame before.
+        counts (33,): mask of the landmarks that count. dt: s since the last frame.
         """
-        position, orientation = np.full((len(SENSORS), 3), np.nan), np.full((len(SENSORS), 4), np.nan)
-        tracked = np.array([counts[[*_SEES[name]]].all() for name in SENSORS])
+        position, orientation = np.full((len(CAMERA_SENSORS), 3), np.nan), np.full((len(CAMERA_SENSORS), 4), np.nan)
+        tracked = np.array([counts[[*_NEEDED[name]]].all() for name in CAMERA_SENSORS])
         if not counts[SHOULDERS].all():
-            return position, orientation, np.zeros(len(SENSORS), dtype=bool)
+            return position, orientation, np.zeros(len(CAMERA_SENSORS), dtype=bool)
         has_hips, has_feet = bool(counts[HIPS].all()), bool(counts[[*HIPS, *ANKLES]].all())
         point = self._upright(frame.point, dt, has_hips=has_hips, has_feet=has_feet)
         if has_feet:
             self._stance.take(frame, point, dt)
         places = self._places(point, has_hips=has_hips, has_feet=has_feet)
-        for row, name in enumerate(SENSORS):
+        for row, name in enumerate(CAMERA_SENSORS):
             if tracked[row]:
                 position[row] = places[name]
         if tracked[0] and counts[EARS].all():
@@ -369,7 +350,7 @@ class Body:
         return position, orientation, tracked
 
     def _upright(self, point: FloatArray, dt: float, *, has_hips: bool, has_feet: bool) -> FloatArray:
-        """The landmarks sheared so that the usual line from the feet (or hips) to the shoulders is upright."""
+        """The landmarks, sheared so that the mean line from feet (or hips) to shoulders is upright."""
         if has_hips:
             line = point[SHOULDERS].mean(axis=0) - (point[ANKLES].mean(axis=0) if has_feet else 0.0)
             self._lean.take(float(np.clip(line[0] / max(line[2], 0.2), -0.6, 0.6)), dt)
@@ -377,7 +358,7 @@ class Body:
         return np.asarray(point - point[:, 2:] * [lean, 0.0, 0.0])
 
     def _places(self, point: FloatArray, *, has_hips: bool, has_feet: bool) -> dict[str, FloatArray]:
-        """Points (3,) m by name; legs only where feet are seen."""
+        """Points (3,) m by name; legs only if feet are seen."""
         left = point[SHOULDERS[0]] - point[SHOULDERS[1]]
         trunk = point[SHOULDERS].mean(axis=0) if has_hips else _UP
         trunk = trunk * [PITCH_SHARE, 1.0, 1.0]
@@ -401,25 +382,23 @@ class Body:
         return at
 
     def _head_turn(self, point: FloatArray, dt: float) -> FloatArray:
-        """Orientation (4,) wxyz of the head: who looks ahead most of the time holds it level."""
+        """Orientation (4,) wxyz of the head; its mean nod is level."""
         left, forward = point[EARS[0]] - point[EARS[1]], point[NOSE] - point[EARS].mean(axis=0)
         flat = _frame(_UP, left)
         nod = arctan2(-dot(forward, flat[:, 2]), max(dot(forward, flat[:, 0]), 1e-3))
         nod = PITCH_SHARE * (nod - self._nod.take(nod, dt))
         roll = arctan2(float(left[2]), max(norm(left[:2]), 1e-3))
         yaw = arctan2(float(-left[0]), float(left[1]))
-        return rotations.from_euler((yaw, nod, roll), "zyx")  # to the left, down, and the left ear up
+        return rotations.from_euler((yaw, nod, roll), "zyx")
 
-
-# The decoders.
 
 ACROSS, DEPTH, TURN = (0.3, 6.0, 1.0), (0.1, 1.5, 0.5), (0.4, 2.0, 1.0)
-"""One-Euro filters (see `live.playout`) of positions across the line of sight and along it, and of orientations. At
-rest landmarks tremble by 3 mm across and by 15 mm along it."""
+"""One-Euro filters (see `live.playout`) of positions across the line of sight and along it, and of orientations: at
+rest landmarks tremble by 3 mm across and 15 mm along it."""
 GAP_S = 1.0
-"""After a gap of this time, s, or a step back by it, all is learned anew: another page, perhaps another performer."""
+"""Gap, s, or step back, after which all is learned anew: another page, perhaps another performer."""
 FIRST_S, LONGEST_S = 1.0 / 30.0, 0.2
-"""Time that the first frame stands for, s, and the longest that any does."""
+"""Duration of the first frame, s, and the longest of any frame."""
 
 
 class CameraDecoder:
@@ -432,8 +411,8 @@ class CameraDecoder:
 
     def _begin(self) -> None:
         self._sight, self._body = Sight(), Body()
-        self._across = PoseFilter(len(SENSORS), position=ACROSS, orientation=TURN)
-        self._depth = PoseFilter(len(SENSORS), position=DEPTH, orientation=None)
+        self._across = PoseFilter(len(CAMERA_SENSORS), position=ACROSS, orientation=TURN)
+        self._depth = PoseFilter(len(CAMERA_SENSORS), position=DEPTH, orientation=None)
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The performer of one picture. See `StreamDecoder`."""
@@ -456,12 +435,14 @@ class CameraDecoder:
         if not len(frame.point):
             self.dropped.note("picture without a person")
         position, orientation, tracked = self._body.take(frame, counts, min(abs(since), LONGEST_S))
-        times = np.full(len(SENSORS), frame.time)
+        times = np.full(len(CAMERA_SENSORS), frame.time)
         self._across.reset(~tracked)
         self._depth.reset(~tracked)
         across, orientation = self._across.step(times, position * [0.0, 1.0, 1.0], orientation)
         along, _ = self._depth.step(times, position * _FORWARD, orientation)
-        return [StreamFrame(SENSORS, across + along, orientation, tracked, frame.time, frame.number, camera=True)]
+        return [
+            StreamFrame(CAMERA_SENSORS, across + along, orientation, tracked, frame.time, frame.number, camera=True)
+        ]
 
 
 _OF_A_CAMERA = re.compile(rb'"axes"\s*:\s*"camera"')
@@ -470,11 +451,11 @@ _OF_A_CAMERA = re.compile(rb'"axes"\s*:\s*"camera"')
 class WebDecoder:
     """Implements StreamDecoder for a page of `web://`: a camera's landmarks, or a headset's poses as JSON.
 
-    use_generated_legs: take over the legs that headsets make up, which do not see them.
+    use_generated_legs: keep the legs that headsets make up without seeing them.
     """
 
     def __init__(self, *, use_generated_legs: bool = False) -> None:
-        self.dropped, self._takes_legs = Dropped(), use_generated_legs
+        self.dropped, self._use_legs = Dropped(), use_generated_legs
         self._camera, self._poses = CameraDecoder(), JsonPoseDecoder()
         self._camera.dropped = self._poses.dropped = self.dropped
 
@@ -483,7 +464,7 @@ class WebDecoder:
         if _OF_A_CAMERA.search(datagram):
             return self._camera.decode(datagram)
         frames = self._poses.decode(datagram)
-        return frames if self._takes_legs else [_without_legs(frame) for frame in frames]
+        return frames if self._use_legs else [_without_legs(frame) for frame in frames]
 
 
 _LEGS = frozenset({"l_knee", "r_knee", "l_ankle", "r_ankle"})

@@ -1,15 +1,14 @@
-"""Poses as JSON, one object per datagram: this project's own input, for any tracker with 20 lines of glue code.
+"""Poses as JSON, one object per datagram: the project's own input, for any tracker with 20 lines of glue code.
 
     {"axes": "unity", "quaternion": "xyzw", "time": 12.345, "frame": 741,
      "poses": {"l_wrist": {"p": [0.1, 1.2, 0.3], "q": [0, 0, 0, 1], "tracked": true}, ...}}
 
-or, of a layout that gives the places of an array:
+or as an array in the order of a layout:
 
     {"axes": "openxr", "quaternion": "xyzw", "layout": "smpl24", "poses": [[0.1, 1.2, 0.3, 0, 0, 0, 1], null, ...]}
 
-docs/live.md is the specification. It is strict, so that an error of a sender shows on the first datagram. An
-unknown, missing or doubled key, or a value of the wrong type, refuses the datagram with a reason. Numbers that are no
-position or no rotation drop only their own pose.
+docs/live.md is the specification. An unknown, missing or doubled key, or a value of the wrong type, refuses the
+datagram with a reason. Numbers that are no position or no rotation drop only their own pose.
 """
 
 import json
@@ -37,13 +36,13 @@ from retarget.sources.streams.stream_frame import (
 from retarget.types import FloatArray
 
 ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}
-"""Where w, x, y and z stand in a quaternion of this order."""
+"""Indices of w, x, y and z in a quaternion of this order."""
 
-MAX_NAME = 64
+MAX_POSE_NAME = 64
 """Characters of the longest name of a pose."""
 MAX_TIME = 1e11
 MAX_FRAME = 2**63 - 1
-"""Largest time, s (the year 5138), and frame (a signed 64-bit integer): larger ones are no counters."""
+"""Largest time, s (the year 5138), and frame number (a signed 64-bit integer)."""
 
 _POSE_KEYS = {"p", "q", "tracked"}
 NUMBER = frozenset((float, int))
@@ -53,40 +52,43 @@ _NOWHERE, _NO_TURN = (math.nan,) * 3, (math.nan,) * 4
 
 @dataclass(frozen=True, eq=False)
 class JsonLayout:
-    """Poses that are sent as an array. count: of its poses. places (k): sensor -> its place. turned: True where the
-    turns of joints are those from a T-pose that faces forward; else they are not used."""
+    """Poses that are sent as an array. count: of its poses. places (k): sensor -> its index. turned: True if rotations
+    of joints are from a T-pose that faces forward; else they are not used."""
 
     count: int
     places: Mapping[str, int]
     turned: bool
 
     def orientations(self, sent: FloatArray) -> FloatArray:
-        """Orientations (k, 4) of the sensors, unturned where arms hang, of those sent (k, 4), REP-103."""
+        """Orientations (k, 4) of the sensors, unturned for hanging arms, from those sent (k, 4), REP-103."""
         return rotations.multiply(sent[self._rows], self._back) if self.turned else np.full_like(sent, np.nan)
 
     @cached_property
     def _rows(self) -> list[int]:
-        """Of each sensor the one with whose part it turns: a toe sensor turns with the foot."""
+        """For each sensor the row of its rotation: a toe sensor turns with the foot."""
         names = [*self.places]
         return [names.index(name.replace("toe", "ankle")) for name in names]
 
     @cached_property
     def _back(self) -> FloatArray:
-        """Turns (k, 4) from a T-pose to hanging arms, by 90 degrees about forward."""
+        """Rotations (k, 4) from a T-pose to hanging arms, by 90 degrees about forward."""
         half = math.sqrt(0.5)
-        hang = {name: half if name.startswith("l_") else -half for name in self.places if name[2:] in _ARM}
+        hang = {
+            name: half if name.startswith("l_") else -half
+            for name in self.places
+            if name[2:] in ("shoulder", "elbow", "wrist")
+        }
         return np.array([(half, hang[name], 0.0, 0.0) if name in hang else rotations.IDENTITY for name in self.places])
 
 
-_ARM = ("shoulder", "elbow", "wrist")
 _WEBXR: Mapping[str, int] = TABLES["webxr_83"]
 _SMPL = {**(joints_by_name(SMPL_NAMES) or {}), "chest": SMPL_NAMES.index("spine3")}
 LAYOUTS: Mapping[str, JsonLayout] = {
     "smpl24": JsonLayout(len(SMPL_NAMES), {name: _SMPL[name] for name in SENSORS if name in _SMPL}, turned=True),
     "webxr83": JsonLayout(83, {name: _WEBXR[name] for name in SENSORS if name in _WEBXR}, turned=False),
 }
-"""Layouts by name: SMPL's order, which PICO's body tracking has too, and the joints of WebXR's tracked body, whose
-turns are not specified alike for all joints."""
+"""Layouts by name: SMPL's order, also of PICO's body tracking, and the joints of WebXR's tracked body, whose rotations
+are not specified alike."""
 
 
 class UnusableDatagram(ValueError):
@@ -132,9 +134,9 @@ class JsonPoseDecoder:
             turns.append(_NO_TURN if turn is None or bad else turn)
             tracked.append(is_tracked and not bad)
         names = tuple(poses)
-        if names != self._names:  # they are checked when they change
-            if not all(0 < len(name) <= MAX_NAME and name.isprintable() for name in names):
-                raise UnusableDatagram(f"a pose's name is not of 1 to {MAX_NAME} printable characters")
+        if names != self._names:  # checked when they change
+            if not all(0 < len(name) <= MAX_POSE_NAME and name.isprintable() for name in names):
+                raise UnusableDatagram(f"a pose's name is not of 1 to {MAX_POSE_NAME} printable characters")
             self._names = names
         orientation = axes.orientations(np.array(turns))
         return StreamFrame(
@@ -148,7 +150,7 @@ class JsonPoseDecoder:
 
 
 def read_object(datagram: bytes) -> dict[str, Any]:
-    """The object of a datagram, or UnusableDatagram."""
+    """The object of a datagram. Raises UnusableDatagram."""
     if len(datagram) > MAX_DATAGRAM:
         raise UnusableDatagram("datagram too long")
     try:
@@ -174,7 +176,7 @@ def _no_constant(_: str) -> NoReturn:
 
 
 _JSON = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_no_constant)
-"""Made once: that costs as much as a pose."""
+"""Made once: making it costs as much as a pose."""
 
 
 TIME_IN_MS = '"time" is too large for seconds: it looks like milliseconds, or a smaller unit'
@@ -195,13 +197,13 @@ _CHECKS: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
         f'"poses" is no object or array of 1 to {MAX_POSES} poses',
     ),
 )
-"""Key of a message, what its value must be, and why the message is refused otherwise."""
+"""Key of a message, check of its value, and the reason of a refusal."""
 _KEYS = {key for key, _, _ in _CHECKS}
 _REQUIRED = {"axes", "poses"}
 
 
 def _pose(pose: object, order: tuple[int, int, int, int] | None) -> tuple[Any, Any, bool]:
-    """Position (3), quaternion (4) wxyz of norm 1, tracked. NaN for what is not sent, None for what is not usable."""
+    """Position (3), quaternion (4) wxyz of norm 1, tracked. NaN if not sent, None if unusable."""
     if type(pose) is not dict or not pose.keys() <= _POSE_KEYS or not ("p" in pose or "q" in pose):
         raise UnusableDatagram('a pose is no object of "p", "q" or both, and "tracked"')
     tracked = pose.get("tracked", True)
@@ -220,7 +222,7 @@ _NO_POSE: dict[str, Any] = {"p": [math.nan] * 3, "tracked": False}
 
 
 def _of_array(entry: object) -> object:
-    """An entry of an array as a pose: 3 numbers of a position, or 7 with a quaternion behind it; null for none."""
+    """An entry of an array as a pose: 3 numbers of a position, or 7 with a quaternion; null for none."""
     if entry is None:
         return _NO_POSE
     if type(entry) is list and len(entry) == 3:

@@ -1,9 +1,11 @@
 """Xsens MVN network streamer: datagrams of one character -> poses of its 23 body segments.
 
-Used: type 02 (quaternions; the one to choose in MVN), type 01 (Euler angles, only while no quaternions come) and 13
-(the T-pose). Type 12 (the performer's name) is passed over, and all else is counted. Names of poses are MVN's own:
-"Pelvis", "L5", "RightForeArm" (`SEGMENTS`); props and fingers are left out. The stamp is the time code, the number the
-sample counter: a sender may skip samples, and arrival times are off by 15 ms, so these two place a sample in time.
+Used are type 02 (quaternions, the one to choose in MVN), type 01 (Euler angles, only without quaternions) and 13 (the
+T-pose). Type 12 (the performer's name) is skipped, other types are counted. Names of poses are MVN's ("Pelvis", "L5");
+props and fingers are left out. The stamp is the time code, the number the sample counter: samples may be skipped, and
+arrival times are off by 15 ms.
+
+Big-endian. Source: MVN real-time network streaming protocol specification, revision N (2018).
 """
 
 import struct
@@ -20,23 +22,18 @@ from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.sources.streams.stream_frame import CONVENTIONS, MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame, make_unit
 from retarget.types import BoolArray, FloatArray
 
-# Bytes of the Xsens MVN network streamer: the header of every datagram, and the names and scale that come with poses.
-#
-# Big-endian. Source: MVN real-time network streaming protocol specification, revision N (2018).
-
 SEGMENTS: tuple[str, ...] = tuple(TABLES["mvn_segments"])
-"""Body segments in the order of their ids, which begin at 1. Higher ids are props, then fingers."""
+"""Body segments in the order of their ids from 1; higher ids are props, then fingers."""
 
 EULER, QUATERNION, UNITY, NAMES, SCALE = 1, 2, 5, 12, 13
 STRIDES = {EULER: 28, QUATERNION: 32}
-"""Bytes of one item, by type of datagram, where all items are alike."""
+"""Bytes of one item by type of datagram."""
 TYPES = {int(kind): content for kind, content in TABLES["mvn_types"].items()}
-"""Content by type of datagram."""
 
-MAX_NAME = 64
-"""Bytes of the longest name that is looked at."""
+MAX_NAME_BYTES = 64
+"""Bytes of the longest name of a segment."""
 MAX_SEGMENTS = 255
-"""A header counts segments in one byte."""
+"""Segments of a character, props and fingers included: MVN counts them in a byte."""
 
 _HEADER = struct.Struct(">4s2sIBBIBBBB2sH")
 _COUNT = struct.Struct(">I")
@@ -46,9 +43,9 @@ HEADER_BYTES = _HEADER.size
 
 @dataclass(frozen=True, slots=True)
 class MvnHeader:
-    """kind: type of the datagram, 0 to 99. sample: counts captured samples, u32. part, last: of a sample that is split
-    over several datagrams. items: of the payload. time_ms: since the recording began, u32. character: id. size: bytes
-    of the payload."""
+    """kind: type of the datagram, 0 to 99. sample: counter of captured samples, u32. part, last: of a sample that is
+    split over datagrams. items: of the payload. time_ms: since the recording began, u32. character: id. size: bytes of
+    the payload."""
 
     kind: int
     sample: int
@@ -61,8 +58,8 @@ class MvnHeader:
 
 
 def read_header(data: bytes) -> MvnHeader | None:
-    """The header of a datagram, or None if it has none. Before 2018 its last seven bytes were reserved and zero: the
-    payload then has the size that is there."""
+    """The header of a datagram, None if it has none. Before 2018 its size was zero: the payload then has the bytes
+    there are."""
     if len(data) < HEADER_BYTES:
         return None
     magic, digits, sample, counter, items, time_ms, character, _, _, _, _, size = _HEADER.unpack_from(data)
@@ -81,10 +78,11 @@ def read_header(data: bytes) -> MvnHeader | None:
 
 
 def read_scale(payload: bytes) -> tuple[tuple[str, ...], FloatArray] | None:
-    """Segment names (k) and their origins (k, 3) in the T-pose, sender's unit, of one type 13 payload.
+    """Segment names (k) and their origins (k, 3) in the T-pose, sender's unit, of a type 13 payload; None if it is
+    damaged.
 
-    A payload is u32 count of segments, then for each its counted name and 3 floats; what follows are points on the
-    skin, which a sender also puts alone into further datagrams (count 0). None if the payload is damaged.
+    The payload is a u32 count of segments, then for each its counted name and 3 floats. Points on the skin follow,
+    which a sender also puts into datagrams of their own (count 0).
     """
     at, names, origins = _COUNT.size, [], []
     try:
@@ -94,7 +92,7 @@ def read_scale(payload: bytes) -> tuple[tuple[str, ...], FloatArray] | None:
         for _ in range(count):
             (length,) = _COUNT.unpack_from(payload, at)
             end = at + _COUNT.size + length
-            if length > MAX_NAME:
+            if length > MAX_NAME_BYTES:
                 return None
             names.append(payload[at + _COUNT.size : end].decode("utf-8").rstrip("\0"))
             origins.append(_ORIGIN.unpack_from(payload, end))
@@ -104,14 +102,9 @@ def read_scale(payload: bytes) -> tuple[tuple[str, ...], FloatArray] | None:
     return tuple(names), np.array(origins, float).reshape(count, 3)
 
 
-# Putting a sample together that the MVN streamer split over several datagrams (fingers make it do so).
-
-
 class SampleParts:
-    """The parts of the latest sample of one type. A part of another sample gives the present one up.
-
-    It holds at most MAX_DATAGRAM bytes in at most 128 parts.
-    """
+    """The parts of the latest sample of one type: fingers make MVN split samples. A part of another sample discards
+    them. It holds at most MAX_DATAGRAM bytes in at most 128 parts."""
 
     def __init__(self, dropped: Dropped) -> None:
         self._dropped = dropped
@@ -120,7 +113,7 @@ class SampleParts:
         self._count: int | None = None
 
     def add(self, header: MvnHeader, payload: bytes) -> bytes | None:
-        """The whole payload, in the order of the parts, when this was the part that was missing; else None."""
+        """The whole payload in order, if this part completes it; else None."""
         if header.sample != self._sample:
             if self._parts:
                 self._dropped.note("sample with a part missing")
@@ -153,14 +146,14 @@ MVN_JOINTS: Mapping[str, str] = MappingProxyType(names_of_sides(TABLES["mvn"]))
 TALL = 10.0
 """A pelvis higher than this, or a T-pose taller, is in centimetres."""
 LARGEST = 1000.0
-"""An origin of a T-pose beyond this is none, even in centimetres."""
+"""Largest coordinate of an origin of a T-pose, even in centimetres."""
 TALL_SAMPLES = 5
-"""Tall samples in a row that change the unit: one damaged sample must not shrink the performer for good."""
+"""Tall samples in a row that change the unit: one damaged sample must not shrink the performer."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """Which items of a sample are used, found once for each list of ids. ids: as on the wire. error: a reason."""
+    """The items of a sample that are used, found once for each list of ids. ids: as on the wire. error: a reason."""
 
     ids: bytes
     columns: NDArray[np.intp]
@@ -169,10 +162,9 @@ class _Layout:
 
 
 class MvnDecoder:
-    """Implements StreamDecoder. character: its id in MVN; None takes the first that arrives and keeps it.
+    """Implements StreamDecoder. character: its id in MVN; None takes the first that arrives.
 
-    rest: the canonical joints of the T-pose that MVN measured, facing x, for limb lengths; None before the first
-    datagram of type 13.
+    rest: the canonical joints of the T-pose that MVN measured, facing x; None before the first type 13.
     """
 
     def __init__(self, *, character: int | None = None) -> None:
@@ -185,7 +177,7 @@ class MvnDecoder:
         self._metres, self._tall = 1.0, 0
 
     def rest_of(self, names: Sequence[str]) -> Skeleton | None:
-        """The T-pose of MVN's own calibration, whatever the names."""
+        """The T-pose of MVN's own calibration, for any names."""
         return self.rest
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
@@ -238,7 +230,7 @@ class MvnDecoder:
         position = values[:, :3]
         orientation = values[:, 3:]
         if header.kind == EULER:  # degrees about x, y and z, applied in this order
-            usable: BoolArray = np.abs(orientation) < 1e4  # False for NaN, and keeps the sine from warning of infinity
+            usable: BoolArray = np.abs(orientation) < 1e4  # False for NaN; the sine would warn of infinity
             orientation = from_euler(np.deg2rad(np.where(usable, orientation, np.nan)[:, ::-1]), "zyx")
         bad = make_unit(position, orientation)
         if bad.any():
@@ -258,7 +250,7 @@ class MvnDecoder:
         )
 
     def _unit_is_clear(self, height: float) -> bool:
-        """Whether the unit fits a pelvis at this height (sender's unit); TALL_SAMPLES in a row change the unit."""
+        """True if the unit fits a pelvis at this height (sender's unit); TALL_SAMPLES in a row change the unit."""
         if self._metres != 1.0 or not height > TALL:
             self._tall = 0
             return True
@@ -278,7 +270,6 @@ class MvnDecoder:
             return
         places = dict(sent)
         origins = np.array([origin for _, origin in sent])
-        # Finite, and no larger than a person in centimetres.
         if len(places) < len(sent) or "Pelvis" not in places or not np.all(np.abs(origins) < LARGEST):
             self.dropped.note("type 13 (scale) with an impossible T-pose")
             return

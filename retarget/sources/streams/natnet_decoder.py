@@ -1,5 +1,4 @@
-"""Decodes NatNet datagrams into frames of named world poses: names, skeleton parents, and the rest pose of a
-skeleton."""
+"""NatNet datagrams -> frames of named world poses: names, parents of bones, and the rest pose of a skeleton."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -14,8 +13,8 @@ from retarget.frames import Skeleton
 from retarget.rotations import plus, product, rotated
 from retarget.sources.skeletons import joints_by_name
 from retarget.sources.streams.natnet_wire import (
-    BODY,
     OLDEST,
+    POSE_RECORD,
     SIZED_SINCE,
     BodyDefinition,
     Definitions,
@@ -33,6 +32,7 @@ from retarget.sources.streams.stream_frame import (
     CONVENTIONS,
     MAX_DATAGRAM,
     MAX_POSES,
+    TOO_LONG,
     Convention,
     Dropped,
     StreamFrame,
@@ -40,17 +40,13 @@ from retarget.sources.streams.stream_frame import (
 )
 from retarget.types import BoolArray, FloatArray
 
-# Plan of a set of NatNet ids, made when they change and used in every frame: names, rows kept, parents of bones. Names
-# come from the model definitions where they are known, else from the number.
-
 _Key = tuple[Owner, int, int]
-"""A pose: kind and number of its owner, and its own number there (of a bone: without the skeleton's id, which the wire
-keeps in the upper 16 bits)."""
+"""A pose: kind and number of its owner, and its own number there."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Pose:
-    """Name of one pose. defined: whether the definitions have it. parent: of a bone that is not a root."""
+    """Name of one pose. defined: True if the definitions have it. parent: of a bone that is not a root."""
 
     text: str
     key: _Key
@@ -72,13 +68,13 @@ def _by_number(items: Sequence[_Named], owner: Owner = Owner.RIGID_BODIES) -> di
 
 
 def _within(number: int, owner: Owner) -> int:
-    """The number of a body within its owner: the wire writes owner << 16 | bone, the definitions only the bone."""
+    """Number of a body within its owner: the wire has owner << 16 | bone, the definitions only the bone."""
     return number if owner is Owner.RIGID_BODIES else number & 0xFFFF
 
 
 def _poses(definitions: Definitions, groups: Sequence[PoseGroup], numbers: Sequence[int]) -> Iterator[_Pose]:
-    """The poses of a frame in their order: `rigid://NAME`, `bone://SKELETON/BONE` or `asset://ASSET/BODY`; `#NUMBER`
-    where a name is not known, or is that of another. numbers: as the wire has them, group after group."""
+    """The poses of a frame in order: `rigid://NAME`, `bone://SKELETON/BONE` or `asset://ASSET/BODY`, with `#NUMBER` for
+    a name that is unknown or taken. numbers: as on the wire, group after group."""
     known = {
         Owner.RIGID_BODIES: (GroupDefinition("", 0, definitions.rigid_bodies),),
         Owner.SKELETON: definitions.skeletons,
@@ -96,7 +92,7 @@ def _poses(definitions: Definitions, groups: Sequence[PoseGroup], numbers: Seque
         body = bodies.get(number)
         within = "" if group.owner is Owner.RIGID_BODIES else f"{name or f'#{group.number}'}/"
         text = f"{group.owner.value}://{within}{(body.name if body else '') or f'#{number}'}"
-        # Only skeletons have parents. A bone that is not defined has one that is not known, a number that none has.
+        # Only skeletons have parents. A bone that is not defined gets a parent that does not exist.
         parent = -1 if body is None else _within(body.parent, group.owner)
         has_parent = group.owner is Owner.SKELETON and (body is None or (parent in bodies and parent != number))
         key = (group.owner, group.number, number)
@@ -105,11 +101,9 @@ def _poses(definitions: Definitions, groups: Sequence[PoseGroup], numbers: Seque
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosePlan:
-    """Plan of the k poses that are kept. rows (k,) of the frame, None if all. doubled, surplus: rows left out.
-
-    bones: (row, parent row) of the bones that are not roots, parents first; lost: rows of bones whose parents are not
-    known. Both index the rows kept.
-    """
+    """Plan of the k poses that are kept, made when the ids change. rows (k,) of the frame, None if all. doubled,
+    surplus: counts of rows left out. bones: (row, parent row) of bones that are not roots, parents first. lost: rows of
+    bones with unknown parents. Both index the rows kept."""
 
     names: tuple[str, ...]
     rows: NDArray[np.intp] | None
@@ -149,10 +143,8 @@ def plan_poses(
 
 
 def compose_bones(plan: PosePlan, position: FloatArray, orientation: FloatArray, tracked: BoolArray) -> None:
-    """Turn parent-relative poses of bones into world poses, in place: T_world_bone = T_world_parent T_parent_bone.
-
-    A bone is tracked only if its parents are. Bones whose parents are not known become NaN and are not tracked.
-    """
+    """Turn parent-relative poses of bones into world poses, in place: T_world_bone = T_world_parent T_parent_bone. A
+    bone is tracked only if its parents are. Bones with unknown parents become NaN and are not tracked."""
     points = [(p[0], p[1], p[2]) for p in position.tolist()]
     turns = [(q[0], q[1], q[2], q[3]) for q in orientation.tolist()]
     for row, parent in plan.bones:
@@ -167,19 +159,16 @@ def compose_bones(plan: PosePlan, position: FloatArray, orientation: FloatArray,
         tracked[row] = False
 
 
-# The rest pose of a NatNet skeleton: the offsets of its definition, added up from bone to bone.
-
-
 def rest_skeleton(group: GroupDefinition, axes: Convention) -> Skeleton | None:
-    """The canonical joints of a skeleton in its T-pose, facing x; None where names or parents are not a human's.
+    """The canonical joints of a skeleton in its T-pose, facing x; None if names or parents are not a human's.
 
-    In that pose no bone is turned, so each offset, given in its parent's frame, adds to the parent's position. The
-    stream does not say which way the T-pose faces, so the direction from the right hip to the left one is taken as y.
+    No bone is turned in that pose, so each offset adds to the parent's position. The stream does not state the heading
+    of the T-pose: y is the direction from the right hip to the left one.
     """
     waiting = {bone.number & 0xFFFF: bone for bone in group.bones}
     numbers, prefix = list(waiting), f"{group.name}_"
     joints = joints_by_name(tuple(bone.name.removeprefix(prefix) for bone in waiting.values()))
-    places: dict[int, FloatArray] = {}  # from the skeleton's root, m, in the server's axes; none of a cycle of parents
+    places: dict[int, FloatArray] = {}  # from the root, m, in the server's axes; bones in a cycle have none
     while ready := [
         number
         for number, bone in waiting.items()
@@ -190,7 +179,7 @@ def rest_skeleton(group: GroupDefinition, axes: Convention) -> Skeleton | None:
             places[number] = places.get(bone.parent & 0xFFFF, np.zeros(3)) + bone.offset
     if joints is None:
         return None
-    joints = {"pelvis": 0, **joints}  # the first bone, whatever it is called
+    joints = {"pelvis": 0, **joints}  # the first bone
     known = {joint: places[numbers[at]] for joint, at in joints.items() if numbers[at] in places}
     if not {"pelvis", "l_hip", "r_hip"} <= set(known):
         return None
@@ -199,11 +188,10 @@ def rest_skeleton(group: GroupDefinition, axes: Convention) -> Skeleton | None:
     position -= position[names.index("pelvis")]
     left = position[names.index("l_hip")] - position[names.index("r_hip")]
     x, y = left[:2] / max(norm(left[:2]), 1e-9)
-    # About the vertical, until the hips lie in y and z.
+    # Turn about the vertical until the hips lie in y and z.
     return Skeleton(names, matmul(position, np.array([[y, x, 0.0], [-x, y, 0.0], [0.0, 0.0, 1.0]])))
 
 
-TOO_LONG = "datagram longer than 64 KiB"
 CUT_SHORT = "shorter than its header says"
 STRANGE = "not a message of a NatNet server"
 BAD_FRAME = "frame that fits no known version"
@@ -214,7 +202,7 @@ TOO_MANY = "pose beyond the most that are taken"
 NO_POSE = "pose that is not finite, not in a room, or not a rotation"
 NO_PARENT = "bone whose parents are not known"
 
-_SILENT = {
+_WITHOUT_POSES = {
     MessageId.COMMAND_ANSWER,
     MessageId.ECHO_ANSWER,
     MessageId.TEXT,
@@ -222,24 +210,22 @@ _SILENT = {
     MessageId.KEEP_ALIVE,
     MessageId.UNRECOGNISED,
 }
-"""Messages of a server that hold no pose."""
+"""Messages of a server without poses."""
 _AXES = {"y": CONVENTIONS["motive_y_up"], "z": CONVENTIONS["motive_z_up"]}
-"""Conventions by Motive's Up Axis. The stream does not say which one is set."""
-_WXYZ = np.array([6, 3, 4, 5])
-"""Columns of the wire's x, y, z, qx, qy, qz, qw."""
+"""Conventions by Motive's Up Axis, which the stream does not state."""
+_QUATERNION_COLUMNS = np.array([6, 3, 4, 5])
+"""Columns w, x, y, z in the wire's x, y, z, qx, qy, qz, qw."""
 
 _PlanKey = tuple[tuple[PoseGroup, ...], bytes]
 """Key of a plan: the groups, and the ids of their poses."""
 
 
 class NatnetDecoder:
-    """A `StreamDecoder` of one Motive server.
+    """A `StreamDecoder` of one Motive server. Before ServerInfo and definitions arrive, names are numbers.
 
-    Frames before the first ServerInfo and definitions are decoded too, with numbers instead of names.
-
-    bones: how Motive streams skeletons (Settings, Streaming, Skeleton Coordinates): `global`, or `local` to the parent.
-    up: its Up Axis. stamp of a frame: mid-exposure in s of the server's clock; its
-    f64 timestamp, another clock, while the frequency is not known or a frame has no ticks (playback).
+    bones: Motive's setting Skeleton Coordinates, `global`, or `local` to the parent. up: its Up Axis. The stamp of a
+    frame is its mid-exposure in s of the server's clock; its timestamp, of another clock, while the frequency is
+    unknown or the frame has no ticks (playback).
     """
 
     def __init__(self, *, bones: Literal["global", "local"] = "global", up: Literal["y", "z"] = "y") -> None:
@@ -253,12 +239,11 @@ class NatnetDecoder:
 
     @property
     def names_missing(self) -> bool:
-        """Whether the last frame had ids without a definition: a reason to ask for definitions."""
+        """True if the last frame had ids without a definition, so definitions should be requested."""
         return self._plan is not None and not self._plan[1].all_defined
 
     def rest_of(self, names: Sequence[str]) -> Skeleton | None:
-        """The T-pose of the one skeleton of which poses of these names are bones; None where there is none, or its
-        definition is missing or not a human's."""
+        """The T-pose of the one skeleton with bones of these names; None if there is none, or it is no human's."""
         owners = {name.removeprefix("bone://").partition("/")[0] for name in names if name.startswith("bone://")}
         group = next((group for group in self._definitions.skeletons if owners == {group.name}), None)
         return None if group is None else rest_skeleton(group, self._axes)
@@ -275,33 +260,21 @@ class NatnetDecoder:
             frame = self._read(payload)
             return self._drop(BAD_FRAME) if frame is None else [self._frame(frame)]
         if kind == MessageId.SERVER_INFO:
-            return self._server(payload)
-        if kind == MessageId.DEFINITIONS:
-            return self._define(payload)
-        return [] if kind in _SILENT else self._drop(STRANGE)
+            info = read_server_info(payload)
+            if info is None:
+                return self._drop(BAD_SERVER)
+            self._version, self._clock_hz = max(info.version, OLDEST), info.clock_hz
+        elif kind == MessageId.DEFINITIONS:
+            definitions = read_definitions(payload, self._version)
+            if definitions is None:
+                return self._drop(BAD_DEFINITIONS)
+            self._definitions, self._plan = definitions, None
+        elif kind not in _WITHOUT_POSES:
+            return self._drop(STRANGE)
+        return []
 
     def _drop(self, reason: str) -> list[StreamFrame]:
         self.dropped.note(reason)
-        return []
-
-    def _count(self, reason: str, times: int) -> None:
-        if times:
-            self.dropped.reasons[reason] += times
-
-    def _server(self, payload: bytes) -> list[StreamFrame]:
-        info = read_server_info(payload)
-        if info is None:
-            return self._drop(BAD_SERVER)
-        self._version = max(info.version, OLDEST)
-        self._clock_hz = info.clock_hz
-        return []
-
-    def _define(self, payload: bytes) -> list[StreamFrame]:
-        definitions = read_definitions(payload, self._version)
-        if definitions is None:
-            return self._drop(BAD_DEFINITIONS)
-        self._definitions = definitions
-        self._plan = None
         return []
 
     def _read(self, payload: bytes) -> FrameOfData | None:
@@ -314,32 +287,31 @@ class NatnetDecoder:
         if other is not None and other.surplus == 0:
             self._version = OLDEST if sized else SIZED_SINCE
             return other
-        # Blocks that carry their sizes let the suffix of a later version be longer than it is today.
+        # With sized blocks, a later version may have a longer suffix.
         return frame if sized else None
 
     def _frame(self, frame: FrameOfData) -> StreamFrame:
-        records = np.frombuffer(frame.poses, BODY)
+        records = np.frombuffer(frame.poses, POSE_RECORD)
         key = (frame.groups, records["id"].tobytes())
         if self._plan is None or self._plan[0] != key:
             self._plan = (key, plan_poses(self._definitions, frame.groups, records["id"].tolist()))
         plan = self._plan[1]
-        self._count(DOUBLED, plan.doubled)
-        self._count(TOO_MANY, plan.surplus)
+        self.dropped.note(DOUBLED, plan.doubled)
+        self.dropped.note(TOO_MANY, plan.surplus)
         if plan.rows is not None:
             records = records[plan.rows]
         tracked = (records["flags"] & 1).astype(np.bool_)
-        # A signalling NaN of the wire is no reason for a warning.
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore"):  # signalling NaNs from the wire
             poses = records["pose"].astype(np.float64)
             position = self._axes.positions(poses[:, :3].copy())
-            orientation = self._axes.orientations(poses.take(_WXYZ, axis=1))
+            orientation = self._axes.orientations(poses.take(_QUATERNION_COLUMNS, axis=1))
         bad = make_unit(position, orientation)
-        # An untracked body may have no pose yet (all zeros): that is no damage.
-        self._count(NO_POSE, int(np.count_nonzero(bad & tracked)))
+        # An untracked body may have no pose yet (all zeros), which is no damage.
+        self.dropped.note(NO_POSE, int(np.count_nonzero(bad & tracked)))
         tracked &= ~bad
         if self._local and (plan.bones or plan.lost):
             compose_bones(plan, position, orientation, tracked)
-            self._count(NO_PARENT, len(plan.lost))
+            self.dropped.note(NO_PARENT, len(plan.lost))
         stamp = frame.timestamp if isfinite(frame.timestamp) else None
         if self._clock_hz and frame.mid_exposure:
             stamp = frame.mid_exposure / self._clock_hz

@@ -1,6 +1,9 @@
 """Messages of OptiTrack NatNet 3.0 to 4.x: connect, server, commands, frames of data, model definitions.
 
-All little-endian: u16 id, u16 payload size, payload. What a client sends goes to the command port of the server.
+All are little-endian: u16 id, u16 payload size, payload. A frame is a u32 number, then blocks in a fixed order
+(`_BLOCKS`), each after a u32 count, then a suffix of stamps and flags. Definitions are a u32 count of sets, each after
+its u32 type (`_SETS`). Since 4.1 a u32 size in bytes stands before the content of each block and set; unknown content
+is skipped by it.
 """
 
 import struct
@@ -12,15 +15,15 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 COMMAND_PORT = 1510
-"""UDP port of the server, where clients ask."""
+"""UDP port of the server for requests."""
 DATA_PORT = 1511
-"""UDP port that multicast frames are sent to."""
+"""UDP port of multicast frames."""
 
-MAX_NAME = 128
+MAX_TEXT = 128
 """Characters of a name that are kept."""
 CLIENT_NAME = b"retarget"
 CLIENT_VERSION = bytes((3, 0, 0, 0))
-"""What a client calls itself; 3.0 as the real captures have it."""
+"""Name and version of this client; 3.0 as in real captures."""
 
 _HEADER = struct.Struct("<HH")
 _SERVER = struct.Struct("<256s4s4sQHB4s")
@@ -46,7 +49,7 @@ class MessageId(IntEnum):
 
 
 class Version(NamedTuple):
-    """Version of the bit stream; versions compare as tuples do."""
+    """Version of the bitstream; versions compare as tuples do."""
 
     major: int
     minor: int
@@ -57,8 +60,7 @@ class Version(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ServerInfo:
-    """Answer of a server to the connect message. clock_hz: of its ticks (0: unknown). data_port and group:
-    multicast."""
+    """Answer of a server to connect. clock_hz: of its ticks (0: unknown). data_port and group: of multicast."""
 
     name: str
     app_version: tuple[int, int, int, int]
@@ -70,12 +72,12 @@ class ServerInfo:
 
 
 def message(kind: MessageId, payload: bytes = b"") -> bytes:
-    """Make a whole datagram: id of the message, size of the payload, payload."""
+    """A whole datagram: id, size of the payload, payload."""
     return _HEADER.pack(kind, len(payload)) + payload
 
 
 def split(datagram: bytes) -> tuple[int, bytes] | None:
-    """Id and payload; None where the datagram is shorter than its header says. What follows the payload is left."""
+    """Id and payload; None if the datagram is shorter than its header says. Bytes after the payload are ignored."""
     if len(datagram) < 4:
         return None
     kind, size = _HEADER.unpack_from(datagram)
@@ -85,12 +87,12 @@ def split(datagram: bytes) -> tuple[int, bytes] | None:
 
 
 def connect_message() -> bytes:
-    """Asks for a ServerInfo; a unicast server then sends its frames to the sender's port."""
+    """Request for a ServerInfo; a unicast server then sends its frames to the sender's port."""
     return message(MessageId.CONNECT, CLIENT_NAME.ljust(256, b"\0") + 2 * CLIENT_VERSION)
 
 
 def read_server_info(payload: bytes) -> ServerInfo | None:
-    """None where it is too short (it has 279 bytes; more are left)."""
+    """The answer to connect; None if it has less than 279 bytes."""
     if len(payload) < _SERVER.size:
         return None
     name, app, natnet, clock_hz, port, multicast, group = _SERVER.unpack_from(payload)
@@ -106,33 +108,27 @@ def read_server_info(payload: bytes) -> ServerInfo | None:
 
 
 def text_until_zero(raw: bytes) -> str:
-    """UTF-8 text up to the first NUL: what is not UTF-8 replaced, what cannot be shown or is too long left out."""
-    text = raw.partition(b"\0")[0][: 4 * MAX_NAME].decode("utf-8", "replace")
-    return "".join(letter for letter in text if letter.isprintable())[:MAX_NAME]
+    """UTF-8 text up to the first NUL: wrong bytes are replaced, unprintable and surplus characters left out."""
+    text = raw.partition(b"\0")[0][: 4 * MAX_TEXT].decode("utf-8", "replace")
+    return "".join(letter for letter in text if letter.isprintable())[:MAX_TEXT]
 
-
-# Frames of data and model definitions: where poses, names and parents lie in their bytes.
-#
-# A frame is a u32 number, then blocks in a fixed order (`_BLOCKS`), each led by a u32 count, then a suffix of stamps
-# and flags. Definitions are a u32 count of sets, each led by its u32 type (`_SETS`). From 4.1 on a u32 size in bytes
-# stands before the content of each block and set, and what one holds beyond what is known here is skipped by it.
 
 OLDEST = Version(3, 0)
-"""The first bitstream that is read."""
+"""First bitstream that is read."""
 SIZED_SINCE = Version(4, 1)
-"""The first bitstream whose blocks carry their sizes; trained assets came with it."""
+"""First bitstream whose blocks carry their sizes; trained assets came with it."""
 _MARKERS_NAMED_SINCE = Version(4, 0)
 _TURNED_SINCE = Version(4, 2)
-"""The first bitstream whose bodies are defined with a rotation."""
+"""First bitstream whose bodies are defined with a rotation."""
 _LAYOUTS = (OLDEST, _MARKERS_NAMED_SINCE, SIZED_SINCE, _TURNED_SINCE)
-"""The first version of each layout of definitions."""
+"""First version of each layout of definitions."""
 
-BODY = np.dtype([("id", "<i4"), ("pose", "<f4", 7), ("error", "<f4"), ("flags", "<i2")])
+POSE_RECORD = np.dtype([("id", "<i4"), ("pose", "<f4", 7), ("error", "<f4"), ("flags", "<i2")])
 """One pose on the wire, 38 bytes: position m and quaternion xyzw, mean marker error m; bit 0 of flags: tracked."""
 
 
 class _Text:
-    """A text that a NUL ends."""
+    """A text with a NUL at its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,12 +139,12 @@ class _Counted:
 
 
 _Item: TypeAlias = "int | _Text | _Counted | tuple[_Item, ...]"
-"""What is passed over. A number is a size in bytes."""
+"""Content that is skipped. A number is a size in bytes."""
 _TEXT = _Text()
 
 
 class Owner(Enum):
-    """What a group of poses belongs to."""
+    """Owner of a group of poses."""
 
     RIGID_BODIES = "rigid"
     SKELETON = "bone"
@@ -169,8 +165,8 @@ _BLOCKS: tuple[tuple["Owner | _Item", Version], ...] = (
     (_CHANNELS, OLDEST),  # force plates
     (_CHANNELS, OLDEST),  # devices
 )
-"""Items of the blocks of a frame, and the version from which on they are there. Poses are kept. Records of one size
-must fit the block's own size; other items are passed over, by the block's size alone where it has one."""
+"""Blocks of a frame, and the version since which they exist. Poses are kept. Other items are skipped, by the size of
+the block if it has one; records of one size must fit it."""
 
 _PLATE = 2 * 4 + 12 + 144 * 4 + 12 * 4 + 2 * 4
 _SETS: Mapping[int, _Item] = {
@@ -179,7 +175,7 @@ _SETS: Mapping[int, _Item] = {
     4: (4, _TEXT, _TEXT, 8, _Counted(_TEXT)),  # device: id, name, serial, type, channels
     5: (_TEXT, 12 + 16),  # camera: name, pose
 }
-"""Type of a set of definitions that is passed over -> its content."""
+"""Type of a set of definitions that is skipped -> its content."""
 _RIGID_BODY, _SKELETON, _ASSET = 1, 2, 6
 """Types of the sets that are kept."""
 
@@ -191,16 +187,16 @@ _MARKER_OFFSET_AND_LABEL = 16
 _ASSET_MARKERS = _Counted((_TEXT, 4 + 12 + 4 + 2))
 _PLAIN_SUFFIX = struct.Struct("<IIdQQQHI")
 _SIZED_SUFFIX = struct.Struct("<IIdQQQIIHI")
-"""Time code and its fraction, timestamp s, ticks of exposure, arrival and sending, (from 4.1 s and fraction of an outer
-clock), flags, end tag."""
+"""Time code and its fraction, timestamp s, ticks of exposure, arrival and sending, since 4.1 s and fraction of an
+external clock, flags, end tag."""
 _TAIL = struct.Struct("<H4x")
 _SHORTEST = 4 + 7 * 4 + _PLAIN_SUFFIX.size
 """Bytes of an empty frame."""
 
 
 class FrameFlags(IntFlag, boundary=CONFORM):
-    """Bits of a frame as Motive sets them; unknown ones are dropped, as each new value would stay in memory. EDIT: its
-    edit mode, where it plays recordings back."""
+    """Bits of a frame as Motive sets them; unknown ones are dropped, because each new value would stay in memory. EDIT:
+    the mode in which Motive plays recordings."""
 
     RECORDING = 1
     DEFINITIONS_CHANGED = 2
@@ -219,11 +215,8 @@ class PoseGroup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameOfData:
-    """Content of a frame. poses: records of `BODY`, group after group, as they came.
-
-    timestamp: s, as Motive counts them. mid_exposure: ticks of the server's clock (0: unknown). surplus: bytes behind
-    the suffix.
-    """
+    """Content of a frame. poses: records of `POSE_RECORD`, group after group. timestamp: s, by Motive. mid_exposure:
+    ticks of the server's clock (0: unknown). surplus: bytes after the suffix."""
 
     number: int
     groups: tuple[PoseGroup, ...]
@@ -239,24 +232,21 @@ class _Malformed(ValueError):
 
 
 class _Cursor:
-    """Reads one payload front to back. Every method raises _Malformed or struct.error where the bytes end too soon."""
+    """Reads a payload from front to back. Methods raise _Malformed or struct.error if the bytes end too soon."""
 
     def __init__(self, payload: bytes) -> None:
         self.payload = payload
         self.at = 0
 
     def unpack(self, layout: struct.Struct) -> tuple[Any, ...]:
-        """The values of a layout."""
         values = layout.unpack_from(self.payload, self.at)
         self.at += layout.size
         return values
 
     def count(self) -> int:
-        """A u32."""
         return int(self.unpack(_NUMBER)[0])
 
     def take(self, size: int) -> bytes:
-        """So many bytes."""
         start = self.at
         self.at += size
         if self.at > len(self.payload):
@@ -264,14 +254,12 @@ class _Cursor:
         return self.payload[start : self.at]
 
     def text(self) -> str:
-        """A text, with its NUL."""
         end = self.payload.find(b"\0", self.at)
         if end < 0:
             raise _Malformed
         return text_until_zero(self.take(end + 1 - self.at))
 
     def skip(self, item: _Item, times: int = 1) -> None:
-        """Pass over items."""
         if isinstance(item, int):
             self.take(item * times)
             return
@@ -286,10 +274,8 @@ class _Cursor:
 
 
 def read_frame(payload: bytes, version: Version) -> FrameOfData | None:
-    """A frame as `version` lays it out; None where the bytes do not hold one.
-
-    A frame of another layout mostly gives None or a surplus: only one without surplus surely fits.
-    """
+    """A frame in the layout of `version`; None if the bytes do not hold one. A frame of another layout mostly gives
+    None or a surplus; only one without surplus surely fits."""
     cursor, sized = _Cursor(payload), version >= SIZED_SINCE
     groups: list[PoseGroup] = []
     poses: list[bytes] = []
@@ -321,11 +307,11 @@ def read_frame(payload: bytes, version: Version) -> FrameOfData | None:
 
 
 def _read_poses(cursor: _Cursor, owner: Owner, count: int, groups: list[PoseGroup], poses: list[bytes]) -> None:
-    """A block of poses: of all rigid bodies, or of `count` skeletons or assets, each led by its id and count."""
+    """Read a block of poses: of all rigid bodies, or of `count` skeletons or assets, each after its id and count."""
     alone = owner is Owner.RIGID_BODIES
     for _ in range(1 if alone else count):
         number, bodies = (0, count) if alone else cursor.unpack(_OWNER)
-        records = cursor.take(BODY.itemsize * bodies)
+        records = cursor.take(POSE_RECORD.itemsize * bodies)
         if bodies:
             groups.append(PoseGroup(owner, number, bodies))
             poses.append(records)
@@ -334,14 +320,14 @@ def _read_poses(cursor: _Cursor, owner: Owner, count: int, groups: list[PoseGrou
 
 
 def _end(cursor: _Cursor, end: int, *, exact: bool = False) -> None:
-    """Go to where a size says that a block or set ends."""
+    """Go to the announced end of a block or set."""
     if cursor.at > end or (exact and cursor.at < end):
         raise _Malformed
     cursor.at = end
 
 
 def read_flags(payload: bytes) -> FrameFlags | None:
-    """The flags alone, which stand before the end tag of four bytes; None where the payload is no frame by its size."""
+    """The flags, which precede the end tag of four bytes; None if the payload is too short for a frame."""
     if len(payload) < _SHORTEST:
         return None
     return FrameFlags(*_TAIL.unpack_from(payload, len(payload) - _TAIL.size))
@@ -349,10 +335,8 @@ def read_flags(payload: bytes) -> FrameFlags | None:
 
 @dataclass(frozen=True, slots=True)
 class BodyDefinition:
-    """A rigid body or a bone. parent: id of its parent in the same skeleton, 0 or -1 where it has none.
-
-    offset (3) m: from the parent, in the parent's frame, in the server's axes.
-    """
+    """A rigid body or a bone. parent: id of its parent in the skeleton, 0 or -1 if it has none. offset (3) m: from the
+    parent, in the parent's frame, in the server's axes."""
 
     name: str
     number: int
@@ -371,7 +355,7 @@ class GroupDefinition:
 
 @dataclass(frozen=True, slots=True)
 class Definitions:
-    """All that is streamed and has a pose."""
+    """All that has a pose in the stream."""
 
     rigid_bodies: tuple[BodyDefinition, ...] = ()
     skeletons: tuple[GroupDefinition, ...] = ()
@@ -379,11 +363,11 @@ class Definitions:
 
 
 def read_definitions(payload: bytes, version: Version) -> Definitions | None:
-    """The definitions; None where the bytes hold none.
+    """The definitions; None if the bytes hold none.
 
-    version: whose layout is tried first. A pinned or changed bitstream is not always announced before its definitions
-    arrive, so the other layouts are tried after it; the one that uses up every byte is right. If none does, sets of the
-    own layout may hold more than is known here, as their sizes say.
+    version: its layout is tried first. A changed bitstream is not always announced before its definitions arrive, so
+    the others follow; the layout that uses up every byte is right. If none does, sets of the own layout may hold more
+    than is known here, as their sizes say.
     """
     own = max((layout for layout in _LAYOUTS if layout <= version), default=OLDEST)
     others = [layout for layout in _LAYOUTS if layout != own]
@@ -396,7 +380,7 @@ def read_definitions(payload: bytes, version: Version) -> Definitions | None:
 
 
 def _read_sets(cursor: _Cursor, version: Version, *, exact: bool) -> Definitions:
-    """All sets in the layout of a version. exact: whether sizes must be those of what is known here."""
+    """All sets in the layout of a version. exact: sizes must be those of the known content."""
     sized = version >= SIZED_SINCE
     found: dict[int, list[Any]] = {_RIGID_BODY: [], _SKELETON: [], _ASSET: []}
     for _ in range(cursor.count()):

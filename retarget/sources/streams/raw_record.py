@@ -1,11 +1,11 @@
-"""Recordings of datagrams as they came: written during a live run, read back by replay.
+"""Recordings of datagrams as received: written during a live run, read by replay.
 
 A file is `RAWDGM01`, u16 length and UTF-8 text of the stream's address, then records, all little-endian:
 
     u32 CRC-32 of the rest of the record, u64 local monotonic ns, u16 port, 16 bytes IPv6 address of the source (IPv4
     mapped), u32 length, the datagram
 
-The format before it, `UDPREC01` (records of u64 unix ns, u16 port, u32 length, datagram), is read too, and both as gz.
+The older format `UDPREC01` (records of u64 unix ns, u16 port, u32 length, datagram) is read too, and both as gz.
 """
 
 import gzip
@@ -35,11 +35,11 @@ _RECORD, _CRC = struct.Struct("<QH16sI"), struct.Struct("<I")
 _OLD_RECORD = struct.Struct("<QHI")
 _LENGTH = struct.Struct("<H")
 _UNREADABLE = (OSError, ValueError, EOFError, zlib.error)
-"""What a damaged file or packing leads to."""
+"""Errors of a damaged file or packing."""
 
 
 def is_recording(head: bytes) -> bool:
-    """Whether a file that begins with these bytes is a recording, packed or not."""
+    """True if a file with these first bytes is a recording, packed or not."""
     if head.startswith(_GZIP):
         try:
             head = zlib.decompressobj(wbits=31).decompress(head, len(_MAGIC))
@@ -50,7 +50,7 @@ def is_recording(head: bytes) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class RecordedDatagram:
-    """One datagram. time_s: its arrival, local monotonic s (unix s in the old format). port, address: its source's
+    """One datagram. time_s: arrival, local monotonic s (unix s in the old format). port, address: of its source
     (address "" in the old format)."""
 
     time_s: float
@@ -60,16 +60,15 @@ class RecordedDatagram:
 
 
 class RawWriter:
-    """Writer of a recording. `append`, from the tick or a receiving thread, does not touch the disk; `flush`, from a
+    """Writer of a recording. `append`, for the tick or a receiving thread, does not touch the disk; `flush`, for a
     slower thread, writes.
 
-    A crash loses only what was not flushed. lost: count of datagrams dropped because the buffer was full or the disk
-    refused them. error: the system's reason, "" while there is none. Neither method raises, so that a recording never
-    stops the robot.
+    A crash loses only what was not flushed. lost: datagrams dropped because the buffer was full or the disk refused
+    them. error: the system's reason, "" if none. Neither method raises, so that a recording never stops the robot.
     """
 
     def __init__(self, path: Path, *, url: str) -> None:
-        """Start a new file. url: the stream's address. Raises UsageError if it exists already or cannot be written."""
+        """Start a new file. url: the stream's address. Raises UsageError if it exists or cannot be written."""
         refuse_existing(path, option=OPTION)
         text = url.encode("utf-8")[:MAX_ADDRESS]
         self.lost = 0
@@ -97,7 +96,7 @@ class RawWriter:
             self._count += 1
 
     def flush(self) -> None:
-        """Write what was taken so far."""
+        """Write all datagrams taken so far."""
         with self._lock:
             taken, self._unwritten = self._unwritten, bytearray()
             count, self._count = self._count, 0
@@ -120,10 +119,10 @@ def _unwritable(path: Path, reason: str) -> UsageError:
 
 
 class RawReader:
-    """The datagrams of a recording, in order; iterate it as often as wanted, one record is held at a time.
+    """The datagrams of a recording, in order, one record in memory at a time; it can be iterated again.
 
-    url: of the stream ("" in the old format). damage: after an iteration, where and how the file ended early, "" if it
-    was whole. All before the damage was yielded, and nothing after it.
+    url: of the stream ("" in the old format). damage: after an iteration, where and how the file ended early, "" if
+    whole; all datagrams before the damage were yielded.
     """
 
     def __init__(self, path: Path) -> None:
@@ -148,10 +147,12 @@ class RawReader:
         try:
             with self._open() as file:
                 _header(file, where=str(self._path))
-                begin = file.tell()
-                while file.peek(1):
+                while True:
+                    begin = file.tell()
+                    if not file.peek(1):
+                        break
                     yield _record(file, is_old=self._old)
-                    number, begin = number + 1, file.tell()
+                    number += 1
         except _UNREADABLE as error:
             self.damage = f"{self._path}: record {number + 1}, at byte {begin}: {error}; {number} before it were read"
 
@@ -159,16 +160,16 @@ class RawReader:
         return cast(BufferedReader, gzip.open(self._path)) if self._gz else self._path.open("rb")
 
 
-def _take(file: BufferedReader, wanted: int) -> bytes:
-    """So many bytes. Raises EOFError if there are fewer."""
-    taken = file.read(wanted)
-    if len(taken) < wanted:
+def _take(file: BufferedReader, size: int) -> bytes:
+    """The next `size` bytes. Raises EOFError if there are fewer."""
+    taken = file.read(size)
+    if len(taken) < size:
         raise EOFError("the file ends here, in the middle of a record" if file.tell() else "empty")
     return taken
 
 
 def _header(file: BufferedReader, *, where: str) -> tuple[str, bool]:
-    """Address of the stream, and whether it is the old format. Raises InputError if it is no recording."""
+    """Address of the stream, and True for the old format. Raises InputError if it is no recording."""
     magic = _take(file, len(_MAGIC))
     if magic not in (_MAGIC, _OLD_MAGIC):
         allowed = "a file that --record-raw wrote"

@@ -20,9 +20,9 @@ from retarget.human.side_check import RAISED, SideCheck
 from retarget.live.rest_capture import RestCapture
 from retarget.sources.streams.camera import (
     ANKLES,
+    CAMERA_SENSORS,
     HIPS,
     LANDMARKS,
-    SENSORS,
     SHOULDERS,
     WRISTS,
     CameraDecoder,
@@ -113,7 +113,7 @@ def test_a_lifted_foot_follows_and_the_other_stays() -> None:
         ([WRISTS[0]], {"l_wrist"}),
         ([*ANKLES], {"l_ankle", "r_ankle", "l_knee", "r_knee", "pelvis"}),
         ([*range(HIPS[0], LANDMARKS)], {"l_ankle", "r_ankle", "l_knee", "r_knee", "pelvis"}),
-        ([SHOULDERS[1]], set(SENSORS)),
+        ([SHOULDERS[1]], set(CAMERA_SENSORS)),
     ],
 )
 @pytest.mark.parametrize("how", ["invisible", "outside"])
@@ -126,7 +126,7 @@ def test_what_is_not_seen_is_not_tracked(hidden: list[int], lost: set[str], how:
         rows[30:, hidden, 1] = 1.2
     clip = after(rows)
     assert clip.tracked[:30].all()
-    found = {name for name, seen in zip(SENSORS, clip.tracked[-1], strict=True) if not seen}
+    found = {name for name, seen in zip(CAMERA_SENSORS, clip.tracked[-1], strict=True) if not seen}
     assert found == lost
     assert np.isnan(clip.position[-1][~clip.tracked[-1]]).all()
     assert np.isfinite(clip.position[-1][clip.tracked[-1]]).all()
@@ -137,7 +137,7 @@ def test_limbs_that_change_places_are_not_tracked_until_they_stay_so() -> None:
     rows[40:43, WRISTS] = rows[40:43, WRISTS[::-1]]
     rows[60:, WRISTS] = rows[60:, WRISTS[::-1]]
     clip = after(rows)
-    wrists = clip.tracked[:, [SENSORS.index("l_wrist"), SENSORS.index("r_wrist")]]
+    wrists = clip.tracked[:, [CAMERA_SENSORS.index("l_wrist"), CAMERA_SENSORS.index("r_wrist")]]
     assert not wrists[40:43].any() and not wrists[60:66].any()
     assert wrists[:40].all() and wrists[43:60].all() and wrists[75:].all()
     assert np.ptp(clip.of("l_wrist")[:60][clip.tracked[:60, 1]], axis=0).max() < 0.01
@@ -184,13 +184,13 @@ def test_a_rendered_performer_comes_out_as_near_as_promised(name: str) -> None:
 def test_a_run_measures_what_a_camera_sees_and_knows_its_left() -> None:
     """As it begins: a second of standing, then the left arm to the front."""
     clip = decoded(read_frames(FOLDER / "front.jsonl.gz"), every=EVERY)
-    capture, nothing = RestCapture(where="web://"), np.full((len(SENSORS), 4), np.nan)
+    capture, nothing = RestCapture(where="web://"), np.full((len(CAMERA_SENSORS), 4), np.nan)
     for time, position, tracked in zip(clip.time, clip.position, clip.tracked, strict=True):
         for later in (0.0, 0.03) if time < clip.time[0] + 1.0 else ():  # polled oftener than pictures come
-            capture.take(time + later, SensorSample(SENSORS, position, nothing, tracked))
+            capture.take(time + later, SensorSample(CAMERA_SENSORS, position, nothing, tracked))
     measured = capture.result()
     assert measured.dimensions.stature == pytest.approx(1.70, abs=0.02) and not measured.missing
-    hands = [SENSORS.index("l_wrist"), SENSORS.index("r_wrist")]
+    hands = [CAMERA_SENSORS.index("l_wrist"), CAMERA_SENSORS.index("r_wrist")]
     sides = SideCheck(measured.position[hands])
     seen = []
     for time, position in zip(clip.time, clip.position, strict=True):
@@ -265,7 +265,7 @@ def test_any_landmarks_give_finite_poses_or_none(frames: list[tuple[list[list[fl
         time += step
         message = {"axes": "camera", "time": time, "size": [640, 480], "landmarks": table}
         for frame in decoder.decode(json.dumps(message).encode()):
-            assert frame.names == SENSORS
+            assert frame.names == CAMERA_SENSORS
             assert np.isfinite(frame.position[frame.tracked]).all()
             assert (np.abs(frame.position[frame.tracked]) < 20.0).all()
             assert np.isnan(frame.position[~frame.tracked]).all()
@@ -299,7 +299,7 @@ def test_a_page_sends_landmarks_or_poses() -> None:
     np.testing.assert_array_equal(one.orientation, other.orientation)
     np.testing.assert_allclose(one.position, [[0.3, -0.1, 1.2]])
     (seen,) = decoder.decode(datagram(ROWS, time=1.0, number=7))
-    assert (seen.names, seen.number) == (SENSORS, 7)
+    assert (seen.names, seen.number) == (CAMERA_SENSORS, 7)
     assert decoder.decode(b"{}") == [] and decoder.dropped.count == 1
 
 

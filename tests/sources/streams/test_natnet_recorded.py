@@ -24,7 +24,6 @@ from retarget.sources.streams.natnet_decoder import (
     NO_PARENT,
     NO_POSE,
     STRANGE,
-    TOO_LONG,
     TOO_MANY,
     NatnetDecoder,
 )
@@ -36,7 +35,7 @@ from retarget.sources.streams.natnet_wire import (
     message,
     read_frame,
 )
-from retarget.sources.streams.stream_frame import MAX_POSES, StreamFrame
+from retarget.sources.streams.stream_frame import MAX_POSES, TOO_LONG, StreamFrame
 
 V3 = Version(3, 0)
 CLOCK_HZ = 0x328C93
