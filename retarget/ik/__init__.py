@@ -1,6 +1,7 @@
-"""Inverse kinematics: strict levels with inequalities, on any MJCF or URDF.
+"""Inverse kinematics: strict levels of tasks and inequalities on any MJCF or URDF, and robots' stances and stops.
 
-The public names below are the library of docs/ik.md. The other modules compile priority files, and know of robots.
+Bodies and priority files come in; solvers, postures and stop paths go out. The public names below are the library of
+docs/ik.md. May import schema and model.
 """
 
 from retarget.ik.solver import CentreOfMass, HalfSpaces, KeepClear, Orientation, Position, Posture, Solver

@@ -1,4 +1,4 @@
-"""Arguments of `retarget.ik`: each check returns a usable value, or raises UsageError with place, value and range."""
+"""Arguments of `retarget.ik`: each check returns a usable value or raises UsageError."""
 
 from collections.abc import Iterable, Mapping
 from math import inf
@@ -10,8 +10,7 @@ from retarget.errors import Problem, UsageError
 from retarget.model.body import BodyModel, Frame, JointType
 from retarget.types import FloatArray
 
-ROUNDING = 1e-9
-"""[rad, m] A posture may be so far beyond a joint's range: it was rounded."""
+ROUNDING = 1e-9  # [rad, m] a posture may be this far beyond a joint's range, as it was rounded
 
 
 def vector(given: object, size: int, where: str) -> FloatArray:
@@ -73,20 +72,20 @@ def names(given: object, where: str, of: str) -> tuple[str, ...]:
 
 
 def check_mapping(given: object, where: str, allowed: str) -> None:
-    """Refuse what is no mapping."""
+    """Refuse any other type than a mapping."""
     if not isinstance(given, Mapping):
         raise UsageError("not a mapping", where=where, found=_shown(given), allowed=allowed)
 
 
 def frame(body: BodyModel, name: object, where: str) -> Frame:
-    """A site or a link of a body. Raises ConfigError too: an unknown name."""
+    """A site or a link of a body. Raises ConfigError for an unknown name."""
     if not isinstance(name, str):
         raise UsageError("not a name", where=where, found=_shown(name), allowed="the name of a site or a link")
     return body.frame(name)
 
 
 def half_spaces(given: object, most: int, where: str) -> FloatArray:
-    """Rows (n, 4) of nx, ny, nz, d, n of length 1. An empty list is no rows."""
+    """Rows (n, 4) of nx, ny, nz, d with normals of length 1. n may be 0."""
     rows = _array(given)
     if rows is not None and rows.shape == (0,):
         rows = rows.reshape(0, 4)
@@ -122,7 +121,6 @@ def posture(given: object, body: BodyModel, where: str) -> FloatArray:
 
 
 def _array(given: object) -> FloatArray | None:
-    """Numbers as an array; None for anything else."""
     try:
         value = np.array(given)
     except (TypeError, ValueError):  # rows of different lengths

@@ -1,13 +1,12 @@
 """Gravity torque of a robot on its soles (inverse dynamics), and the compliance of its joints on P servos.
 
-The mass m is accelerated by a, and its angular momentum about the centre of mass changes at a rate M. Then the soles
-press on the ground with -m (g + a), at the zero-moment point. Each takes its share of that force, in its direction, so
-that no sole pulls against another:
+The mass m has an acceleration a, and its angular momentum about the centre of mass changes at a rate M. The soles then
+press on the ground with -m (g + a) at the zero-moment point. Each takes its share of that force, in its direction:
 
     torque = m (g + a) J_com - sum_i share_i m (g + a) J_i
 
-J_com: Jacobian of the centre of mass; J_i: of the point of sole i where its force goes through the ground. At rest this
-is exact, up to what soles press against each other.
+J_com: Jacobian of the centre of mass; J_i: of the point of sole i through which its force goes. This is exact at rest,
+up to what the soles press against each other.
 """
 
 import numpy as np
@@ -16,16 +15,13 @@ from hardware.servo import loop_stiffness
 from retarget import rotations
 from retarget._solver import Probe
 from retarget.arithmetic import dot, matmul
-from retarget.ik.support_polygon import Sole, Stance
+from retarget.ik.support_polygon import Stance
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
 
-GRAVITY = 9.81
-"""m/s^2"""
-UPWARD = np.array([0.0, 0.0, GRAVITY])
-"""m/s^2: what holds against gravity."""
-NO_MOMENT = np.zeros(2)
-"""N m"""
+GRAVITY = 9.81  # m/s^2
+UPWARD = np.array([0.0, 0.0, GRAVITY])  # m/s^2
+NO_MOMENT = np.zeros(2)  # N m
 
 
 class GravityTorque:
@@ -34,7 +30,12 @@ class GravityTorque:
     def __init__(self, robot: RobotBody, stance: Stance) -> None:
         self._body = robot.body.solver_body()
         self._mass = robot.body.total_mass
-        self._soles = [(sole.frame, *_from_ground(sole)) for sole in stance.soles]
+        # Turn (3, 3) and offset (3,) m from the world to the link of each planted sole: local = turn @ world + offset.
+        self._soles = []
+        for sole in stance.soles:
+            link = rotations.multiply(sole.orientation, rotations.conjugate(sole.frame.quat))
+            turn = rotations.rotate(rotations.conjugate(link), np.eye(3)).T
+            self._soles.append((sole.frame, turn, sole.frame.position - matmul(turn, sole.position)))
         self._middles = np.array([sole.outline.mean(axis=0) for sole in stance.soles])  # (k, 2) [m]
 
     def torques(
@@ -44,9 +45,12 @@ class GravityTorque:
         *,
         moment: FloatArray = NO_MOMENT,
     ) -> FloatArray:
-        """Torque of every DoF (nv,), N m, in a posture q (nq,) with its soles planted, whose centre of mass has an
-        acceleration (3,) m/s^2, and whose angular momentum about it changes at a rate `moment` (2,) N m about x and y.
-        Torque of a free root means that the robot is out of balance."""
+        """Torque of every DoF (nv,), N m, in a posture q (nq,) on planted soles. A torque of a free root is a loss of
+        balance.
+
+        acceleration: of the centre of mass, (3,) m/s^2. moment: rate of the angular momentum about it, (2,) N m about
+        x, y.
+        """
         com = self._body.centre_of_mass(q[None])[0]
         force = self._mass * (UPWARD + acceleration)
         pressed = com[:2] - (com[2] * force[:2] + np.array([moment[1], -moment[0]])) / force[2]
@@ -60,8 +64,7 @@ class GravityTorque:
         return np.asarray(torque)
 
     def _shares(self, pressed: FloatArray) -> FloatArray:
-        """Share of each sole (k,), where all press at a point (2,) m: as near to it as the line between their middles
-        allows."""
+        """Share of each sole (k,) in a force at (2,) m, by its projection onto the line between their middles."""
         if len(self._middles) == 1:
             return np.ones(1)
         first, second = self._middles
@@ -70,15 +73,8 @@ class GravityTorque:
         return np.array([1.0 - share, share])
 
 
-def _from_ground(sole: Sole) -> tuple[FloatArray, FloatArray]:
-    """Turn (3, 3) and offset (3,) m from the world to the link of a planted sole: local = turn @ world + offset."""
-    link = rotations.multiply(sole.orientation, rotations.conjugate(sole.frame.quat))
-    turn = rotations.rotate(rotations.conjugate(link), np.eye(3)).T
-    return turn, sole.frame.position - matmul(turn, sole.position)
-
-
 class LinkMasses:
-    """The masses of a robot's links, each in one point, and what their accelerations come to."""
+    """The masses of a robot's links as points."""
 
     def __init__(self, robot: RobotBody) -> None:
         body = robot.body
@@ -87,26 +83,26 @@ class LinkMasses:
         self._probe = Probe(body.solver_body(), links.tolist(), body.com[links], [])
 
     def places(self, q: FloatArray) -> FloatArray:
-        """Places (k, 3) m of the masses in a posture q (nq,)."""
+        """Positions (k, 3) m of the masses in a posture q (nq,)."""
         return np.asarray(self._probe.read(q)[0])
 
     def sums(self, places: FloatArray, accelerations: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Acceleration (3,) m/s^2 of the centre of mass, and the rate (2,) N m, about x and y, of the angular momentum
-        about it, of masses at places (k, 3) with accelerations (k, 3)."""
+        """Acceleration (3,) m/s^2 of the centre of mass, and rate (2,) N m, about x and y, of the angular momentum
+        about it.
+
+        places (k, 3) m and accelerations (k, 3) m/s^2: of the masses.
+        """
         total = self._masses.sum()
         middle = matmul(self._masses, places) / total
         turning = matmul(self._masses, np.cross(places - middle, accelerations))
         return matmul(self._masses, accelerations) / total, turning[:2]
 
 
-# Joint compliance: a position loop with a pure P gain is a spring.
+# A position loop with a pure P gain is a spring.
 
 
 def joint_compliance(robot: RobotBody) -> FloatArray:
-    """(n, n) rad per N m: from torques of the joints to their deflections, in servo order.
-
-    By the profile's gains, at the voltage of the maker's numbers. Coupled joints deflect together.
-    """
+    """Joint deflections by joint torques: (n, n) rad per N m, in servo order. Coupled joints deflect together."""
     servos = robot.joint_map.servos
     of_shaft = np.array([1.0 / loop_stiffness(servo) for servo in servos])
     compliance = np.diag(of_shaft / np.square([servo.gear for servo in servos]))

@@ -1,8 +1,7 @@
 """A priority file compiled for one body: a solver whose targets are set by name; and the scene around it.
 
-The target vector is flat and belongs to the caller: `blank` makes one, the setters write the targets of this tick, and
-`solver.frame` reads it. A target that is not set is absent. A name that no task uses is ignored, so a source may offer
-more than the priorities use.
+The caller owns the flat target vector: `blank` makes it, the setters write this tick's targets, `solver.frame` reads
+it. A target that is not set is absent. Names that no task uses are ignored.
 """
 
 from collections.abc import Callable, Container, Mapping, Sequence
@@ -26,14 +25,14 @@ from retarget.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Where a slot's weight stands in the target vector, and where its target ends."""
+    """Place of a slot in the target vector: a weight at `start`, then the target up to `stop`."""
 
     slot: Slot
     start: int
     stop: int
 
     def set_spaces(self, targets: FloatArray, spaces: FloatArray) -> None:
-        """Write half-spaces (k, m) into a target vector, and no others."""
+        """Write half-spaces (k, m), and remove all others."""
         end = self.start + 1 + spaces.size
         targets[self.start] = 1.0
         targets[self.start + 1 : end] = spaces.ravel()
@@ -61,13 +60,13 @@ class Hierarchy:
         scene: SceneShapes = NO_SCENE,
         phased: bool = False,
     ) -> None:
-        """frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
-        names whose targets will ever be set, by default all of `frames`; the others cost nothing. limbs: what names of
-        limb tasks stand for. lengths: m, of landmarks, for weights per length. locked (nv,): DoFs that never move.
-        iterations: instead of the file's. damping: of the solver; absent: `DAMPING` for each iteration, as every
-        iteration lowers the error and damping with it. observers: what looks at itself and at the obstacles of `scene`.
-        phased: `set_phases` is called in every tick. Raises ConfigError: a name that the body does not have, phases of
-        support that are not known.
+        """frames: of the names in `of`. postures: q (nq,) by name. fed: names whose targets will ever be set (all of
+        `frames`); tasks on others are left out. limbs: of limb tasks. lengths: m, of landmarks, for weights per length.
+        locked (nv,): DoFs that never move. iterations: instead of the file's. damping: of the solver, `DAMPING` for
+        each iteration if absent, as every iteration lowers the error. observers: of itself and of `scene`. phased:
+        `set_phases` is called in every tick.
+
+        Raises ConfigError: a name that the body lacks, or phases of support without `phased`.
         """
         watching = None if observers is None else observers.with_margin(priorities.observers.margin)
         names = () if watching is None else watching.names
@@ -82,7 +81,7 @@ class Hierarchy:
         )
         shapes = scene.with_margin(priorities.observers.obstacle_margin)
         self.observers = None if watching is None else watching.for_solver(body, shapes)
-        """What looks at itself and at the obstacles, as the solver has it."""
+        """The observers of itself and of obstacles, as the solver has them."""
         n_ik = priorities.iterations if iterations is None else iterations
         self.solver = _solver.Solver(
             body.solver_body(),
@@ -104,17 +103,16 @@ class Hierarchy:
                 found=f"when: {', '.join(by_phase.when)}",
                 next_step="Leave `when` out: it is for a human",
             )
-        """What each entry of `solver.task_errors` is the error of."""
+        """Names of the entries of `solver.task_errors`."""
         self.labels = tuple(f"{slot.kind.value} {slot.name}" for slot in self.slots)
         self._keep_places(levels)
         self._blank = self._make_blank(postures)
 
     def _keep_places(self, levels: Sequence[Sequence[Slot]]) -> None:
-        """Keep where the target of each slot stands in the target vector."""
         self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
         self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
         self.spans: list[slice] = []
-        """Places in a target vector of the tasks of each level."""
+        """Slice of the target vector of each level."""
         end = 0
         for level, slots in enumerate(levels):
             start = end
@@ -134,113 +132,109 @@ class Hierarchy:
         ]
 
     def blank(self) -> FloatArray:
-        """A target vector in which only what needs no input is asked: postures, upright axes, the CoM over the root."""
+        """A target vector with only the targets that need no input: postures, upright axes, the CoM over the root."""
         return self._blank.copy()
 
     def clear(self, targets: FloatArray) -> None:
-        """Make a used target vector blank again: no task takes part until its target is set."""
+        """Make a used target vector blank again."""
         targets[:] = self._blank
 
     def uses(self, kind: SlotKind, name: str | None = None) -> bool:
-        """Whether a task of this kind (and of this name) exists."""
+        """True if there is a task of this kind (and name)."""
         return bool(self._places[kind] if name is None else self._by_name.get((kind, name)))
 
     def set_position(self, targets: FloatArray, name: str, position: FloatArray, weight: float = 1.0) -> None:
-        """A world position (3,) m."""
+        """Set a world position (3,) m."""
         self._set(targets, SlotKind.POSITION, name, position, weight)
 
     def position_slots(self, names: Sequence[str], kind: SlotKind = SlotKind.POSITION) -> tuple[IntArray, IntArray]:
-        """Places in a target vector of the positions of `names`, or of their limbs: (source (m,), target (m, 4)), for
-        `targets[target] = block[source]` with rows weight, x, y, z in `block` (len(names), 4)."""
+        """Source (m,) and target (m, 4) indices for `targets[target] = block[source]`, with `block` (len(names), 4) of
+        rows weight, x, y, z."""
         found = [(row, place.start) for row, name in enumerate(names) for place in self._by_name.get((kind, name), ())]
         pairs = np.array(found, dtype=np.int64).reshape(-1, 2)
         return pairs[:, 0], pairs[:, 1:] + np.arange(4)
 
     def weigh(self, targets: FloatArray, kind: SlotKind, name: str, weight: float) -> None:
-        """Give what is asked of a name this weight, 1 as in the priority file; what is not asked stays so."""
+        """Give the targets of a name that are set this weight; 1 is the priority file's."""
         for place in self._by_name.get((kind, name), ()):
             if targets[place.start] > 0.0:
                 targets[place.start] = weight
 
     def set_orientation(self, targets: FloatArray, name: str, orientation: FloatArray, weight: float = 1.0) -> None:
-        """A world orientation (4,) wxyz."""
+        """Set a world orientation (4,) wxyz."""
         self._set(targets, SlotKind.ORIENTATION, name, orientation, weight)
 
     def set_look_at(self, targets: FloatArray, name: str, point: FloatArray, weight: float = 1.0) -> None:
-        """The world point (3,) m that a frame aims at."""
+        """Set the world point (3,) m that a frame aims at."""
         self._set(targets, SlotKind.LOOK_AT, name, point, weight)
 
     def set_centre_of_mass(self, targets: FloatArray, position: FloatArray, weight: float = 1.0) -> None:
-        """Set the target of the centre of mass of an `over_feet` task: world (3,) m; rows of weight 0 do not look at
-        it."""
+        """Set the centre of mass of an `over_feet` task, world (3,) m. Rows of weight 0 ignore it."""
         self._set(targets, SlotKind.OVER_FEET, "over_feet", position, weight)
 
     def set_support(self, targets: FloatArray, spaces: FloatArray) -> None:
-        """Set where the CoM of a support task stays: at most SUPPORT_EDGES half-spaces (k, 4): nx, ny, nz, d with nx x
-        + ny y + nz z <= d."""
+        """Set at most SUPPORT_EDGES half-spaces (k, 4) of the CoM: nx, ny, nz, d with nx x + ny y + nz z <= d."""
         for place in self._places[SlotKind.SUPPORT]:
             place.set_spaces(targets, spaces)
 
     def set_strength(self, targets: FloatArray, joint: str, spaces: FloatArray) -> None:
-        """What a joint that carries allows: one half-space (1, 7) n . c + m . o <= d for the centre of mass c and the
-        joint's place o, or none (0, 7)."""
+        """Set the limit of a joint that carries: half-spaces (0 or 1, 7) n . c + m . o <= d for the centre of mass c
+        and the joint's position o."""
         for place in self._by_name.get((SlotKind.STRENGTH, joint), ()):
             place.set_spaces(targets, spaces)
 
     def set_heading(
         self, targets: FloatArray, heading: Sequence[float], *, lowered: float = 0.0, bent: float = 0.0
     ) -> None:
-        """The heading (x, y), a unit vector on the ground, to every heading task and every axis task. lowered, bent:
-        how much of its lowered and its bent direction an axis has, 0 to 1."""
+        """Set the heading (x, y), a unit vector, of heading and axis tasks. lowered, bent: shares of an axis's lowered
+        and bent direction, 0 to 1."""
         cosine, sine = heading
         for place, (x, y, z) in self._turned:
-            for way, share in ((place.slot.lowered, lowered), (place.slot.bent, bent)):
-                if way is None:
+            for direction, share in ((place.slot.lowered, lowered), (place.slot.bent, bent)):
+                if direction is None:
                     continue
-                u, v, w = way
+                u, v, w = direction
                 x, y, z = x + share * (u - x), y + share * (v - y), z + share * (w - z)
                 length = sqrt(x * x + y * y + z * z)
                 x, y, z = x / length, y / length, z / length
             targets[place.start : place.stop] = (1.0, cosine * x - sine * y, sine * x + cosine * y, z)
 
     def set_phases(self, targets: FloatArray, shares: Mapping[Phase, float]) -> None:
-        """Weigh what acts in some phases of support only, after everything else is set. shares: of each phase, of sum
-        1."""
+        """Weigh tasks of some phases of support, after everything else is set. shares: of each phase, of sum 1."""
         for place in self._phased:
             targets[place.start] *= fsum(shares[phase] for phase in place.slot.when)
 
     def set_obstacles(self, poses: ObstaclePoses) -> None:
-        """Set where the obstacles are at the start of the next frame. Moving ones go on at their velocities until the
-        next call."""
+        """Set the obstacles at the start of the next frame. They go on at their velocities until the next call."""
         self.solver.set_obstacles(poses.position, poses.quat, poses.linear_velocity, poses.angular_velocity)
 
     def set_posture(self, targets: FloatArray, q: FloatArray) -> None:
-        """Another posture (nq,) to be drawn to, for this tick."""
+        """Set another attractor (nq,) for this tick."""
         for place in self._places[SlotKind.POSTURE]:
             targets[place.start + 1 : place.stop] = q
 
     def set_joints(self, targets: FloatArray, columns: IntArray, positions: FloatArray) -> None:
-        """Draw the joints at `columns` of q to these positions (n,), rad, until `reset_posture`."""
+        """Set the attractor of the joints at `columns` of q, (n,) rad, until `reset_posture`."""
         for place in self._places[SlotKind.POSTURE]:
             targets[place.start + 1 + columns] = positions
 
     def reset_posture(self, targets: FloatArray) -> None:
-        """Draw all joints to the posture of the file again."""
+        """Set the attractor of the file again."""
         for place in self._places[SlotKind.POSTURE]:
             targets[place.start : place.stop] = self._blank[place.start : place.stop]
 
     def set_previous(self, targets: FloatArray, q: FloatArray, dt: float, *, settle: float = inf) -> None:
-        """The posture (nq,) of `dt` seconds ago, which holds joints back.
+        """Set the posture (nq,) of `dt` s ago, which holds joints back. settle: s, where the task's is longer.
 
         With stiffness k and weight k / (exp(dt / settle) - 1) towards q, an undisturbed joint approaches its attractor
-        as exp(-t / settle), whatever the rate of the ticks. settle: s, at most, where that of the task is longer.
+        as exp(-t / settle) at any rate of ticks.
         """
         for place in self._places[SlotKind.PREVIOUS]:
             targets[place.start] = 1.0 / expm1(min(dt / min(place.slot.settle, settle), 50.0))
             targets[place.start + 1 : place.stop] = q
 
     def set_carried(self, targets: FloatArray, position: Sequence[float], dt: float) -> None:
-        """Set where the root would be if it were only carried along, (3,) m, `dt` s after the last frame."""
+        """Set where the root would be carried, (3,) m, `dt` s after the last frame."""
         for place in self._places[SlotKind.CARRIED]:
             targets[place.start] = 1.0 / expm1(min(dt / place.slot.settle, 50.0))
             targets[place.start + 1 : place.stop] = position
@@ -277,7 +271,6 @@ def _compile(
     lengths: Mapping[str, float],
     observers: tuple[str, ...],
 ) -> list[list[Slot]]:
-    """The slots of every level."""
     levels: list[list[Slot]] = []
     for index, level in enumerate(priorities.levels):
         is_soft = index == len(priorities.levels) - 1 and any(task.type == "posture" for task in level.tasks)
@@ -298,39 +291,35 @@ def body_frames(body: BodyModel) -> dict[str, Frame]:
 
 
 Build = Callable[[Priorities, BoolArray], Hierarchy]
-"""From priorities and locked DoFs (nv,) to a hierarchy."""
-
-
-# The scene over time, handed to the hierarchy tick by tick.
+"""Makes a hierarchy from priorities and locked DoFs (nv,)."""
 
 
 class SceneObstacles:
-    """The obstacles that one hierarchy sees. Until `begin` they stand where they are at time 0; time is s of the
-    scene."""
+    """The obstacles of a hierarchy over time, s of the scene. Until `begin` they stand where they are at time 0."""
 
     def __init__(self, scene: SceneState | None) -> None:
         self.scene = scene
         self.time = 0.0
-        """Of the tick that comes next."""
+        """Start of the next tick."""
         self.now: ObstaclePoses | None = None
-        """Where they are at the start of the tick that runs; None: there is no scene."""
+        """Their poses at the start of the current tick; None without a scene."""
         self._runs = False
         self.look()
 
     @property
     def shapes(self) -> SceneShapes:
-        """What the hierarchy is built with."""
+        """The shapes that the hierarchy is built with."""
         return NO_SCENE if self.scene is None else self.scene.shapes
 
     def restart(self) -> None:
-        """Back to time 0, at rest, without the poses that were received live."""
+        """Go back to time 0, at rest, and drop poses that were received live."""
         if self.scene is not None:
             self.scene.restart()
         self.time, self._runs = 0.0, False
         self.look()
 
     def look(self) -> None:
-        """Read where they are now, as long as they do not move by the file: their poses may come live."""
+        """Read the present poses, which may come live, unless the file moves them."""
         if self.scene is not None and not self._runs:
             self.now = self.scene.at_rest(self.time)
 
@@ -341,7 +330,7 @@ class SceneObstacles:
         self._runs = True
 
     def tick(self, hierarchy: Hierarchy | None, dt: float) -> None:
-        """Set the obstacles of a hierarchy (None: of none) at the start of a tick of `dt` s, and let time go on."""
+        """Set the obstacles of a hierarchy, if any, at the start of a tick of `dt` s, and advance the time."""
         if self.scene is None:
             return
         self.now = self.scene.at(self.time) if self._runs else self.scene.at_rest(self.time)

@@ -1,8 +1,7 @@
-"""Nonlinear least squares in a box, with the same bits on every machine: Levenberg-Marquardt (Nocedal and Wright,
-Numerical Optimization, 2006, section 10.3), whose damped linear steps the crate solves with the box inside.
+"""Nonlinear least squares in a box: Levenberg-Marquardt (Nocedal and Wright, Numerical Optimization, 2006, section
+10.3).
 
-A library's solver takes its linear algebra from the BLAS of the processor, and what it finds here decides goals: the
-performer's size, the strength that a robot keeps in a squat.
+It gives the same bits on every machine, as a library's solver on BLAS would not: its results decide goals.
 """
 
 from collections.abc import Callable
@@ -15,12 +14,11 @@ from retarget.arithmetic import matmul, norm
 from retarget.types import FloatArray
 
 DIFFERENCE = 1.5e-8
-"""Step of a forward difference, as a share of 1 or of a larger unknown: the root of the rounding error of a number."""
+"""Step of a forward difference, as a share of 1 or of a larger unknown: the root of the rounding error."""
 FIRST_DAMPING = 1e-3
 """Damping of the first step, as a share of the largest squared column of the Jacobian (Nielsen, 1999)."""
 
-LEAST_DAMPING = 1e-12
-"""Damping where no unknown changes anything."""
+LEAST_DAMPING = 1e-12  # where no unknown changes anything
 
 
 def least_squares(
@@ -32,10 +30,9 @@ def least_squares(
     close: float = 1e-8,
     most_steps: int = 100,
 ) -> FloatArray:
-    """The unknowns (n,) near `start` (n,) for which the squares of residual(unknowns) (m,) have their least sum.
+    """The unknowns (n,) near `start` (n,) that minimise the sum of squares of residual(unknowns) (m,).
 
-    lower, upper (n,): the box in which they stay. close: the search ends with a step shorter than this, as a share of 1
-    or of the unknowns.
+    lower, upper (n,): the box. close: the search ends with a shorter step, as a share of 1 or of the unknowns.
     """
     low = np.full(len(start), -np.inf) if lower is None else lower
     high = np.full(len(start), np.inf) if upper is None else upper
@@ -68,7 +65,7 @@ def _half_square(off: FloatArray) -> float:
 def _jacobian(
     residual: Callable[[FloatArray], FloatArray], x: FloatArray, off: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """(m, n) by differences: forward, or back where that would leave the box."""
+    """(m, n) by forward differences, or backward ones where the box ends."""
     columns = []
     for k, value in enumerate(x.tolist()):
         moved, step = x.copy(), DIFFERENCE * max(1.0, abs(value))

@@ -5,8 +5,8 @@
     solver = ik.Solver(body, [[ik.KeepClear()], [hand], [ik.Posture()]])
     q = solver.solve({hand: (0.4, 0.1, 0.3)}, dt=0.01)
 
-The first level is met as if there were no second, and so on; tasks of one level share what cannot be met by least
-squares. Joint limits come before all levels. docs/ik.md is the guide, docs/solver.md the mathematics.
+No level disturbs a level above it; tasks of one level share the error by least squares. Joint limits come before all
+levels. docs/ik.md is the guide, docs/solver.md the mathematics.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,29 +29,23 @@ from retarget.rotations import as_quat, as_vector
 from retarget.types import FloatArray
 
 DAMPING = 0.25
-"""Damping of the solver for each iteration of a frame: measured to follow as calmly with two iterations as with five
-(docs/solver.md)."""
+"""Damping for each iteration of a frame, with which two iterations follow as calmly as five (docs/solver.md)."""
 
 Vector = tuple[float, float, float]
-ORIGIN: Vector = (0.0, 0.0, 0.0)
-"""[m] A frame's own origin."""
-ALIKE: Vector = (1.0, 1.0, 1.0)
-"""Weights of three rows of which none counts more than another."""
-MOST_ITERATIONS = 100
-"""More in a frame are a mistake: a far posture takes several frames."""
-MOST_HALF_SPACES = 64
-"""The compiled solver has room for so many in a task."""
+ORIGIN: Vector = (0.0, 0.0, 0.0)  # [m] of a frame
+ALIKE: Vector = (1.0, 1.0, 1.0)  # weights of three rows
+MOST_ITERATIONS = 100  # in a frame; a far posture takes several frames
+MOST_HALF_SPACES = 64  # of a task, by the room in the compiled solver
 
 
-# Tasks. Each is its own name: `solve` takes targets by task.
+# Each task is its own name: `solve` takes targets by task.
 
 
 @dataclass(frozen=True, eq=False)
 class Position:
-    """A point of a frame goes to a place in the world, by at most 0.05 m in an iteration. Target: (3,) m.
+    """A point of a frame goes to a world position (3,) m, by at most 0.05 m in an iteration.
 
-    frame: a site or a link of the body. point: m, in that frame. weight: of the rows x, y, z of the world; 0 leaves one
-    free.
+    frame: a site or a link of the body. point: m, in that frame. weight: of the rows x, y, z of the world; 0 frees one.
     """
 
     frame: str
@@ -61,7 +55,7 @@ class Position:
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """A frame takes an orientation in the world, by at most 0.2 rad in an iteration. Target: (4,) wxyz.
+    """A frame takes a world orientation (4,) wxyz, by at most 0.2 rad in an iteration.
 
     weight: of turns about x, y, z of the world.
     """
@@ -72,20 +66,18 @@ class Orientation:
 
 @dataclass(frozen=True, eq=False)
 class CentreOfMass:
-    """The centre of mass goes to a place in the world, by at most 0.05 m in an iteration. Target: (3,) m.
-
-    weight: as for `Position`.
-    """
+    """The centre of mass goes to a world position (3,) m, by at most 0.05 m in an iteration. weight: as for
+    `Position`."""
 
     weight: Vector = ALIKE
 
 
 @dataclass(frozen=True, eq=False)
 class HalfSpaces:
-    """A point p stays inside half-spaces, an inequality. Target: (k, 4), rows nx, ny, nz, d: n . p <= d, m.
+    """A point p stays inside half-spaces (k, 4), rows nx, ny, nz, d with n . p <= d, m: an inequality.
 
-    n has length 1 and points out. A point outside comes back by at most 0.05 m in an iteration.
-    frame, point: as for `Position`; None: the centre of mass. most: the largest k, 64 at most.
+    n has length 1 and points out. A point outside comes back by at most 0.05 m in an iteration. frame, point: as for
+    `Position`; without a frame, the centre of mass. most: the largest k, 64 at most.
     """
 
     frame: str | None
@@ -95,9 +87,9 @@ class HalfSpaces:
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """Joints go to a posture. Target: (nq,); without one it is where the solver began.
+    """Joints go to a posture (nq,), by default the start.
 
-    weights: of joints by name, 1 for the others. gain: share of the way for each iteration, of 0.3 rad (m) at most.
+    weights: of joints by name, 1 for the others. gain: share of the error per iteration, of 0.3 rad (m) at most.
     """
 
     weights: Mapping[str, float] = field(default_factory=dict)
@@ -106,12 +98,12 @@ class Posture:
 
 @dataclass(frozen=True, eq=False)
 class KeepClear:
-    """Parts of the body keep away from each other, and from what the file fixes to the world: an inequality. No target.
+    """Links keep clear of each other, and of what the file fixes to the world: an inequality without a target.
 
-    Parts are the file's colliding spheres, capsules, cylinders and boxes, on the world planes too. Within `influence`
-    (m) a part may approach at `speed` (m/s) at most, and the less, the nearer; at `margin` (m) not at all. Parts that
-    touch go apart at 0.1 m/s. Links that one joint parts are neighbours, and are left out; so is what touches the world
-    at the start. ignored: pairs of links that may touch.
+    It takes the file's colliding spheres, capsules, cylinders and boxes, and planes of the world. Within `influence`
+    (m) shapes approach at `speed` (m/s) at most, less the nearer they are, and at `margin` (m) not at all. Shapes that
+    touch separate at 0.1 m/s. Neighbouring links are left out, as are shapes that touch the world at the start.
+    ignored: pairs of links that may touch.
     """
 
     margin: float = 0.01
@@ -121,14 +113,13 @@ class KeepClear:
 
 
 Task = Position | Orientation | CentreOfMass | HalfSpaces | Posture | KeepClear
-"""What may stand in a level."""
 
 
 class Solver:
     """Moves a body in frames of dt seconds so that its tasks are met, level by level, within its joint limits.
 
-    However long a frame is, an iteration moves no joint by more than 0.3 rad (m), and asks no more than a task says.
-    Deterministic: the same calls give the same postures, to the bit, on every machine. It starts at rest.
+    An iteration moves no joint by more than 0.3 rad (m), however long the frame. The same calls give the same postures,
+    to the bit, on every machine. It starts at rest.
     """
 
     def __init__(
@@ -142,12 +133,12 @@ class Solver:
         locked: Iterable[str] = (),
         iterations: int = 2,
     ) -> None:
-        """levels: the highest first. start: posture (nq,) within joint limits; absent: the file's. max_velocity (rad/s,
-        m/s), max_acceleration (per s^2): of all joints, or (nv,). locked: joints that do not move. iterations: in a
-        frame, up to 100.
+        """levels: the highest first. start: posture (nq,), the file's if absent. max_velocity (rad/s, m/s),
+        max_acceleration (per s^2): of all joints, or (nv,). locked: joints that do not move. iterations: in a frame, up
+        to 100.
 
-        Raises ConfigError: a name that the body does not have, parts far apart that touch at the start, shapes that
-        cannot be kept clear. Raises UsageError for any other argument that cannot be used.
+        Raises ConfigError: a name that the body lacks, distant links that touch at the start, shapes that cannot be
+        kept clear. Raises UsageError for any other unusable argument.
         """
         if not isinstance(body, BodyModel):
             raise UsageError("not a body", where="ik.Solver", found=f"{body!r:.60}", allowed="a body of ik.load_body")
@@ -174,7 +165,7 @@ class Solver:
             observers=observers,
             activation="all",
         )
-        # The compiled tasks that each task became: their numbers, and where their targets begin and end.
+        # The numbers and target slices of the compiled tasks of each task.
         self._places: dict[Task, list[tuple[int, int, int]]] = {}
         number = count()
         for k, level in enumerate(compiled):
@@ -188,7 +179,7 @@ class Solver:
 
     @property
     def q(self) -> FloatArray:
-        """The posture (nq,) reached."""
+        """The posture (nq,)."""
         return self._solver.q
 
     @property
@@ -198,53 +189,45 @@ class Solver:
 
     @property
     def clearance(self) -> float:
-        """Smallest distance of two parts that keep clear, m; infinite where none is within influence.
-
-        NaN until the first `solve`, and from `reset` to the next.
-        """
+        """Smallest distance of shapes that keep clear, m; infinite beyond influence, NaN before the first `solve`."""
         return min(self._solver.clearance) if self._solved else nan
 
     @property
     def capped(self) -> int:
-        """Linear solves that took too many steps and were ended, since the solver was made: joint limits hold, and the
-        inequalities that standing still keeps, but tasks may be met less well than they could be."""
+        """Number of linear solves ended early since the start. Limits hold then, but tasks may be met less well."""
         return self._solver.capped
 
     def error(self, task: Task) -> float:
-        """How far a task is from its target (m, rad; KeepClear: m too near) after the last frame.
-
-        NaN: it had no target, or there was no `solve` since the start or `reset`.
-        """
+        """Error of a task (m, rad; KeepClear: m too near) after the last frame; NaN without a target or `solve`."""
         self._check_known(task, "ik.Solver.error")
         errors = self._solver.task_errors
         return float(np.max([errors[number] for number, _, _ in self._places[task]])) if self._solved else nan
 
     def position(self, frame: str, point: Vector = ORIGIN) -> FloatArray:
-        """Where a point (m) of a frame is in the posture reached: (3,) m, world. Raises ConfigError, UsageError."""
+        """World position (3,) of a point (m) of a frame. Raises ConfigError, UsageError."""
         link, local = _point(self.body, frame, point, "ik.Solver.position")
         return np.asarray(self._body.points(self.q[None], [link], np.array([local]))[0, 0])
 
     def orientation(self, frame: str) -> FloatArray:
-        """How a frame is turned in the posture reached: (4,) wxyz, world. Raises ConfigError, UsageError."""
+        """World orientation (4,) wxyz of a frame. Raises ConfigError, UsageError."""
         found = arguments.frame(self.body, frame, "ik.Solver.orientation")
         return rotations.multiply(self._body.orientations(self.q[None], [found.body])[0, 0], found.quat)
 
     @property
     def centre_of_mass(self) -> FloatArray:
-        """Where the centre of mass is in the posture reached: (3,) m, world."""
+        """World position (3,) m of the centre of mass."""
         return np.asarray(self._body.centre_of_mass(self.q[None])[0])
 
     def reset(self, q: ArrayLike) -> None:
-        """Stand still in a posture (nq,) within joint limits. Raises UsageError, and then nothing has changed."""
+        """Stand still in a posture (nq,) within joint limits. Raises UsageError and then changes nothing."""
         self._solver.reset(arguments.posture(q, self.body, "ik.Solver.reset"))
         self._solved = False
 
     def solve(self, targets: Mapping[Any, ArrayLike], dt: float) -> FloatArray:
-        """Move for dt seconds. targets: of tasks; one without is left out in this frame. Returns the posture (nq,).
+        """Move for dt seconds and return the posture (nq,). targets: by task; a task without one is left out.
 
-        A joint moves by at most 0.3 rad (m) times `iterations`: a far target takes several frames.
-
-        Raises UsageError for another task, a target of another shape or one that is not finite; then nothing has moved.
+        A joint moves by at most 0.3 rad (m) times `iterations`, so a far target takes several frames. Raises UsageError
+        for an unknown task or an unusable target, and then moves nothing.
         """
         dt = arguments.positive(dt, "ik.Solver.solve, dt", "s")
         arguments.check_mapping(targets, "ik.Solver.solve, targets", "{task: target}")
@@ -275,7 +258,7 @@ class Solver:
             return None
         if isinstance(task, HalfSpaces):
             rows = arguments.half_spaces(given, task.most, where)
-            # The compiled task of the centre of mass has rows (n, d); that of a point has (0, n, d).
+            # The compiled task of the centre of mass has rows (n, d), that of a point (0, n, d).
             return rows.ravel() if task.frame is None else np.hstack([np.zeros((len(rows), 3)), rows]).ravel()
         if not isinstance(task, Orientation):
             return arguments.vector(given, 3, where)
@@ -296,7 +279,6 @@ class Solver:
 
 
 def _check_levels(levels: Sequence[Sequence[object]]) -> None:
-    """Refuse what the solver cannot take. Raises UsageError."""
     where, allowed = "ik.Solver, levels", "lists of tasks, [[a], [b]]"
     if not isinstance(levels, Sequence):
         raise UsageError("not a list of levels", where=where, found=f"{levels!r:.60}", allowed=allowed)
@@ -333,7 +315,7 @@ def _name(task: object) -> str:
 
 
 def _compiled(task: Task, body: BodyModel) -> list[_solver.Task]:
-    """A task as the compiled solver has it. Raises ConfigError for an unknown name, UsageError for a bad argument."""
+    """A task as the compiled solver has it. Raises ConfigError, UsageError."""
     where = f"ik.{_name(task)}"
     match task:
         case Position():
@@ -368,14 +350,14 @@ def _posture(task: Posture, body: BodyModel) -> _solver.Task:
 
 
 def _point(body: BodyModel, frame: str, point: Vector, where: str) -> tuple[int, Vector]:
-    """The link of a frame, and a point of the frame as one of the link, m."""
+    """The link of a frame, and a point (m) of the frame in the link."""
     found = arguments.frame(body, frame, where)
     local = arguments.vector(point, 3, f"{where}, point")
     return found.body, as_vector(found.position + rotations.rotate(found.quat, local))
 
 
 def _checked_zone(task: KeepClear) -> tuple[float, float, float]:
-    """Margin, influence (m) and speed (m/s)."""
+    """Margin (m), influence (m) and speed (m/s)."""
     margin, influence, speed = arguments.vector(
         [task.margin, task.influence, task.speed], 3, "ik.KeepClear, margin, influence and speed"
     ).tolist()
@@ -387,7 +369,7 @@ def _checked_zone(task: KeepClear) -> tuple[float, float, float]:
 
 
 def _ignored(task: KeepClear, body: BodyModel) -> tuple[tuple[int, int, str], ...]:
-    """Pairs of links that may touch, with a reason."""
+    """Pairs of links that may touch, each with a reason."""
     where, pairs = "ik.KeepClear, ignored", []
     for pair in task.ignored if isinstance(task.ignored, Iterable) else (task.ignored,):
         named = arguments.names(pair, where, "two links")
@@ -397,17 +379,13 @@ def _ignored(task: KeepClear, body: BodyModel) -> tuple[tuple[int, int, str], ..
     return tuple(pairs)
 
 
-# The parts that keep clear: the colliding shapes of the file.
-
-
-Fixed = tuple[FloatArray, FloatArray]
-"""Positions (k, 3) m and orientations (k, 4) wxyz of what the file fixes to the world."""
+Fixed = tuple[FloatArray, FloatArray]  # positions (k, 3) m and orientations (k, 4) wxyz of shapes fixed to the world
 
 
 def _parts(body: BodyModel, task: KeepClear, start: FloatArray) -> tuple[_solver.Observers, Fixed]:
-    """What keeps clear, and where the fixed parts are.
+    """The observers of the colliding shapes, and the poses of the fixed ones.
 
-    Raises ConfigError: a shape that cannot be kept clear, parts far apart along the body that touch at the start.
+    Raises ConfigError: a shape that cannot be kept clear, or distant links that touch at the start.
     """
     margin, influence, _ = _checked_zone(task)
     moving, fixed, problems = dict[str, Part](), dict[str, Part](), list[Problem]()
@@ -442,7 +420,8 @@ def _parts(body: BodyModel, task: KeepClear, start: FloatArray) -> tuple[_solver
 def _looks(
     body: BodyModel, observers: Observers, scene: SceneShapes, fixed: Fixed, start: FloatArray
 ) -> NDArray[np.bool_]:
-    """Which parts (n, k) keep clear of which fixed ones: not neighbours of the world, nor what touches at the start."""
+    """Mask (n, k) of the parts that keep clear of fixed shapes: no neighbours of the world, none that touch at the
+    start."""
     n, k = len(observers.names), len(scene.names)
     if not n * k:
         return np.zeros((n, k), dtype=bool)

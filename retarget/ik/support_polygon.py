@@ -1,4 +1,4 @@
-"""Where a robot stands: soles on the ground, their support polygon, and how far inside of it a centre of mass is.
+"""The stance of a robot: soles on the ground, their support polygon, and the distance of a centre of mass inside it.
 
 An edge is a half-plane (nx, ny, d): the unit normal points outward and nx x + ny y <= d holds inside. Coordinates are
 metres on the ground, world frame.
@@ -18,39 +18,34 @@ from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
 from retarget.types import MM, FloatArray
 
-SHORTEST_EDGE = 1e-6
-"""Corners closer than this, m, are one."""
+SHORTEST_EDGE = 1e-6  # [m] nearer corners are one
 
 
 def sole_outline(position: FloatArray, orientation: FloatArray, polygon: FloatArray) -> FloatArray:
-    """Corners (c, 2) m on the ground of a sole at `position` (3,) m, `orientation` (4,) wxyz; `polygon` (c, 2) m: its
-    outline."""
+    """Corners (c, 2) m on the ground of a sole at (3,) m, (4,) wxyz, with an outline `polygon` (c, 2) m."""
     corners = np.column_stack([polygon, np.zeros(len(polygon))])
     return np.asarray((position + rotations.rotate(orientation, corners))[:, :2])
 
 
 def convex_hull(points: FloatArray) -> FloatArray:
     """Corners (h, 2) of the convex hull of points (n, 2), counter-clockwise (Andrew's monotone chain)."""
-    # From left to right gives the lower side, back from right to left the upper one; each ends where the other begins.
+    # Left to right gives the lower chain, right to left the upper one; each ends where the other begins.
     ordered = [(float(x), float(y)) for x, y in points[np.lexsort((points[:, 1], points[:, 0]))]]
     chains = [_chain(ordered), _chain(ordered[::-1])]
     return np.array([corner for chain in chains for corner in chain[:-1]])
 
 
 def support_edges(outlines: Sequence[FloatArray], *, margin: float = 0.0) -> FloatArray:
-    """Edges (e, 3) of the convex hull of all `outlines`, each (c, 2), moved inward by `margin` m.
-
-    Where the margin leaves nothing, the edges are moved inward only as far as the middle of the polygon allows.
-    """
+    """Edges (e, 3) of the convex hull of all `outlines` (c, 2), moved inward by `margin` m where there is room."""
     corners = convex_hull(np.concatenate(outlines))
-    # Each edge runs from a corner to the next, counter-clockwise, so its outward normal is to the right of it.
+    # Each edge runs counter-clockwise, so its outward normal is to the right.
     along = np.roll(corners, -1, axis=0) - corners
     length = hypot(along[:, 0], along[:, 1])
     long = length > SHORTEST_EDGE
     along, corners = along[long] / length[long, None], corners[long]
     normal = np.column_stack([along[:, 1], -along[:, 0]])
     offset = (normal * corners).sum(axis=1)
-    # A margin beyond the middle would turn the polygon inside out: no point would be inside.
+    # A margin beyond the middle would turn the polygon inside out.
     room = float((offset - matmul(normal, corners.mean(axis=0))).min())
     return np.column_stack([normal, offset - min(margin, 0.9 * room)])
 
@@ -61,12 +56,12 @@ def half_spaces(edges: FloatArray) -> FloatArray:
 
 
 def support_distance(points: FloatArray, edges: FloatArray) -> FloatArray:
-    """How far (...) m points (..., 2 or 3) are inside the edges (e, 3); negative: outside, by the edge missed most."""
+    """Distance (...) m of points (..., 2 or 3) inside the edges (e, 3); negative outside."""
     return np.asarray((edges[:, 2] - matmul(points[..., :2], edges[:, :2].T)).min(axis=-1))
 
 
 def _chain(ordered: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """One side of the hull of points in order; every corner is a left turn."""
+    """One side of the hull of points in order, by left turns only."""
     chain: list[tuple[float, float]] = []
     for x, y in ordered:
         while len(chain) > 1:
@@ -78,15 +73,12 @@ def _chain(ordered: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     return chain
 
 
-# Where a robot stands: a posture with the soles on the ground, the origin between them, x forward.
-
-
 @dataclass(frozen=True, eq=False)
 class Sole:
-    """A sole that is planted on the ground.
+    """A sole planted on the ground.
 
-    frame: on its link. position (3,) m and orientation (4,) wxyz of it, flat on the ground, world. outline (c, 2) m:
-    its corners on the ground, world; corners (c, 3) m: the same in the frame of the link.
+    frame: on its link. position (3,) m, orientation (4,) wxyz: of the frame, flat on the ground, world. outline (c, 2)
+    m: corners on the ground, world. corners (c, 3) m: in the frame of the link.
     """
 
     frame: Frame
@@ -98,9 +90,9 @@ class Sole:
 
 @dataclass(frozen=True, eq=False)
 class Stance:
-    """q (nq,): posture, root included. points: world position (3,) m of every frame of the profile in it.
+    """A robot on its soles, the origin between them, x forward. soles: none for a robot that does not stand.
 
-    soles: none for a robot that does not stand on them.
+    q (nq,): posture with the root. points: world position (3,) m of each frame of the profile.
     """
 
     q: FloatArray
@@ -108,21 +100,20 @@ class Stance:
     soles: tuple[Sole, ...]
 
     def edges(self, margin: float) -> FloatArray:
-        """Edges (e, 3) of the support polygon, `margin` m inside the soles' hull (see `support_edges`)."""
+        """Edges (e, 3) of the support polygon, `margin` m inside the hull of the soles."""
         return support_edges([sole.outline for sole in self.soles], margin=margin)
 
 
 def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
     """Stand with these joint angles, rad (0 elsewhere). A robot on a stand keeps the root of its body file.
 
-    The soles are taken as flat and at the same height; where they are not in this posture, the legs will correct it.
+    The soles are taken as flat and level; the legs correct them where they are not.
     """
     q = robot.posture(angles)
     feet = robot.profile.feet if robot.on_floor else {}
     frames = tuple(foot.frame for foot in feet.values())
     if frames:
-        # The soles become level, with their middle at the origin: first the mean of their normals becomes the vertical,
-        # then their mean direction turns to x.
+        # The mean normal of the soles becomes the vertical, their mean direction x, their middle the origin.
         positions, orientations = robot.points(q[None], frames)[0], robot.orientations(q[None], frames)[0]
         vertical, ahead = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
         level = rotations.shortest_arc(rotations.rotate(orientations, vertical).mean(axis=0), vertical)
@@ -138,7 +129,7 @@ def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
         return Stance(q, points, ())
     for foot, orientation in zip(feet.values(), robot.orientations(q[None], frames)[0], strict=True):
         place = points[foot.frame] * np.array([1.0, 1.0, 0.0])
-        # Made flat: only its turn about the vertical is kept.
+        # The sole lies flat: it keeps only its turn about the vertical.
         forward = rotations.rotate(orientation, np.array([1.0, 0.0, 0.0]))
         flat = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), arctan2(forward[1], forward[0]))
         frame, polygon = robot.frame(foot.frame), np.array(foot.polygon)
@@ -148,8 +139,12 @@ def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
 
 
 def footing(body: SolverBody, soles: Sequence[Sole]) -> Footing:
-    """Measures how far these soles are off their places, and how far the centre of mass is inside their outline."""
-    spread = [(sole, _spread(sole.outline)) for sole in soles]
+    """Return the measure of how far these soles are off their places, and the centre of mass inside their outline."""
+    # The corners that are farthest along the diagonals are enough to see a sole move or tilt.
+    spread = []
+    for sole in soles:
+        x, y = sole.outline[:, 0], sole.outline[:, 1]
+        spread.append((sole, sorted({int(np.argmax(x * i + y * j)) for i in (-1, 1) for j in (-1, 1)})))
     links = [sole.frame.body for sole, few in spread for _ in few]
     local = np.concatenate([sole.corners[few] for sole, few in spread])
     planted = np.concatenate([sole.outline[few] for sole, few in spread])
@@ -157,18 +152,10 @@ def footing(body: SolverBody, soles: Sequence[Sole]) -> Footing:
     return Footing(body, links, local, np.insert(planted, 2, 0.0, axis=1), edges)
 
 
-def _spread(outline: FloatArray) -> list[int]:
-    """The corners of an outline (c, 2) that are farthest along its diagonals: enough to see a sole move or tilt."""
-    return sorted({int(np.argmax(outline[:, 0] * x + outline[:, 1] * y)) for x in (-1, 1) for y in (-1, 1)})
-
-
-# Whether a robot can stand in its posture `stand`: its centre of mass over the polygon of its soles.
-
-
 def check_stand(robot: RobotBody) -> float | None:
-    """How far, m, the centre of mass is inside the edge of the soles; None for a robot that does not stand on soles.
+    """Distance, m, of the centre of mass inside the edge of the soles; None for a robot that does not stand on soles.
 
-    Raises ConfigError, with the centre of mass and the polygon, where it is outside.
+    Raises ConfigError if it is outside.
     """
     if not robot.stands or not robot.body.mass.sum() > 0.0:
         return None

@@ -1,4 +1,4 @@
-"""From one task of a priority file to tasks of the solver, each with the name under which its target is set."""
+"""Compiles a task of a priority file into tasks of the solver, each with the name under which its target is set."""
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,18 +32,16 @@ from retarget.schema.priorities import (
 from retarget.types import FloatArray
 
 SUPPORT_EDGES = 34
-"""Most half-spaces of a support task: two for each edge of the convex hull of two feet of eight corners each, and two
-for height."""
+"""Most half-spaces of a support task: two for each edge of the hull of two feet of eight corners each, two for
+height."""
 
-CARRIES = "carried by "
-"""With it begin the names of frames at joints that carry a robot on its soles."""
+CARRIES = "carried by "  # prefix of the names of frames at joints that carry a robot on its soles
 
-_LEFT = np.array([0.0, 1.0, 0.0])
-"""Axis that a heading turns: it says nothing of bending forward, as the forward axis would."""
+_LEFT = np.array([0.0, 1.0, 0.0])  # axis that a heading turns, which bending forward leaves alone
 
 
 class SlotKind(Enum):
-    """What a slot of the target vector holds."""
+    """Kind of target in a slot of the target vector."""
 
     POSITION = "position"
     LIMB = "limb"
@@ -64,11 +62,11 @@ class SlotKind(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Slot:
-    """A solver task and what sets its target. name: as in `of`, or the posture's.
+    """A solver task and its target. name: as in `of`, or the posture's.
 
-    direction: unit x, y, z in the heading frame, for an axis or a heading. lowered: what it becomes as the head comes
-    down, bent: as the body bends over. settle: time constant of a PREVIOUS or a CARRIED, s. when: phases of support in
-    which it acts; none: always.
+    direction: unit x, y, z in the heading frame, for an axis or a heading. lowered, bent: the same when the head is
+    lowered or the body bends over. settle: time constant of a PREVIOUS or a CARRIED, s. when: phases of support; none:
+    always.
     """
 
     kind: SlotKind
@@ -83,7 +81,7 @@ class Slot:
 
 @dataclass(frozen=True, eq=False)
 class Limb:
-    """A line of a body: from a point to another one, which is at most `length` m away."""
+    """A line of a body between two points that are at most `length` m apart."""
 
     begin: Frame
     end: Frame
@@ -103,19 +101,22 @@ def compile_task(
 ) -> list[Slot]:
     """Slots of one task; none for observers on a body without any.
 
-    limbs: what names of limb tasks stand for. lengths: m, of landmarks, for weights per length. observers: their names,
-    in order. fed: names whose targets will ever be set; a task on another one is left out. is_soft: in a last level
-    with a posture, where `weight` is a stiffness.
+    limbs: of limb tasks. lengths: m, of landmarks, for weights per length. observers: names in order. fed: names whose
+    targets will ever be set; tasks on others are left out. is_soft: True in a last level with a posture, where `weight`
+    is a stiffness.
 
-    Raises ConfigError: a name that the body does not have, in a task that is not optional; observers in a last level
-    with a posture.
+    Raises ConfigError: a task that is not optional names what the body lacks, or observers are in a soft level.
     """
     if isinstance(task, PostureTask):
         return _posture(task, body)
     if isinstance(task, CentreOfMassTask):
         return [_centre_of_mass(task, body, frames, is_soft=is_soft)]
     if isinstance(task, StrengthTask):
-        return _strength(frames)
+        joints = [(name.removeprefix(CARRIES), frame) for name, frame in frames.items() if name.startswith(CARRIES)]
+        return [
+            Slot(SlotKind.STRENGTH, joint, SolverTask.lever(frame.body, as_vector(frame.position), max_edges=1))
+            for joint, frame in joints
+        ]
     if isinstance(task, CarriedTask):
         _named(task, task.by, frames)
         if body.joint_type[0] != JointType.FREE:
@@ -130,8 +131,8 @@ def compile_task(
         return _observing(task, observers, is_soft=is_soft)
     if isinstance(task, LimbTask):
         return [_limb(task, name, limb) for name, limb in _named(task, task.of, limbs)]
-    # An axis or a heading has its direction from the file; the others have a target only where a sensor or a landmark
-    # feeds it. A row without a target would hold the frame at the origin.
+    # An axis or a heading has its direction from the file. Other rows without a target would hold the frame at the
+    # origin.
     needs_target = isinstance(task, PositionTask | OrientationTask | LookAtTask)
     named = [(name, frame) for name, frame in _named(task, task.of, frames) if name in fed or not needs_target]
     by_length = isinstance(task, PositionTask) and task.per == "length"
@@ -168,7 +169,7 @@ def _named(
 
 
 def _limb(task: LimbTask, name: str, limb: Limb) -> Slot:
-    """A task on one limb; its rows are shares of the limb's length, which are radians where they are small."""
+    """A task on one limb. Its rows are shares of the limb's length, which are radians if small."""
     made = SolverTask.position(
         limb.end.body,
         as_vector(limb.end.position),
@@ -188,7 +189,7 @@ def _placed(
     is_soft: bool,
     unit: float,
 ) -> Slot:
-    """A task on one frame. unit: length (m) of a position's error that weighs as the task says."""
+    """A task on one frame. unit: length (m) of a position's error that has the weight of the task."""
     gain, point = task.gain, as_vector(frame.position)
     if isinstance(task, PositionTask):
         cap = task.max_error or 0.05
@@ -202,7 +203,7 @@ def _placed(
         made = SolverTask.orientation(frame.body, as_quat(frame.quat), weight=rows, gain=gain, max_error=cap)
         return Slot(SlotKind.ORIENTATION, name, made)
     weight = float(np.sqrt(task.weight)) if is_soft else task.weight
-    # The solver wants the axis in the frame of the link, and a frame may be turned against its link.
+    # The solver takes the axis in the frame of the link.
     local = _LEFT if isinstance(task, HeadingTask) else _unit(task.axis)
     axis = as_vector(rotations.rotate(frame.quat, local))
     if isinstance(task, LookAtTask):
@@ -211,14 +212,14 @@ def _placed(
     made = SolverTask.axis(frame.body, axis, weight=weight, gain=gain, max_error=cap)
     if isinstance(task, HeadingTask):
         return Slot(SlotKind.HEADING, name, made, direction=as_vector(_LEFT))
-    lowered, bent = (None if way is None else as_vector(_unit(way)) for way in (task.lowered, task.bent))
+    lowered, bent = (None if axis is None else as_vector(_unit(axis)) for axis in (task.lowered, task.bent))
     return Slot(SlotKind.AXIS, name, made, direction=as_vector(_unit(task.direction)), lowered=lowered, bent=bent)
 
 
 def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, frames: Mapping[str, Frame], *, is_soft: bool) -> Slot:
     cap = task.max_error or 0.05
     if task.mode == "support":
-        # A balance that moves by arms would swing them as a counterweight: light joints take no part in the row.
+        # Light joints take no part: a balance that moves by arms would swing them as a counterweight.
         without = [] if task.moving is None else low_inertia_joints(body, frames)
         return Slot(SlotKind.SUPPORT, task.mode, SolverTask.support(SUPPORT_EDGES, without=without, max_error=cap))
     rows = _row_weights(task.weight, is_soft=is_soft)
@@ -226,15 +227,6 @@ def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, frames: Mapping[str
     root = int(body.joint_body[0]) if over_root else None
     made = SolverTask.centre_of_mass(weight=rows, over=root, gain=task.gain, max_error=cap)
     return Slot(SlotKind.OVER_ROOT if over_root else SlotKind.OVER_FEET, task.mode, made)
-
-
-def _strength(frames: Mapping[str, Frame]) -> list[Slot]:
-    """One slot for each joint that carries."""
-    joints = [(name.removeprefix(CARRIES), frame) for name, frame in frames.items() if name.startswith(CARRIES)]
-    return [
-        Slot(SlotKind.STRENGTH, joint, SolverTask.lever(frame.body, as_vector(frame.position), max_edges=1))
-        for joint, frame in joints
-    ]
 
 
 def _observing(task: ReactiveTask | PreventiveTask, observers: Sequence[str], *, is_soft: bool) -> list[Slot]:
@@ -248,22 +240,15 @@ def _observing(task: ReactiveTask | PreventiveTask, observers: Sequence[str], *,
     kind, make = SlotKind.REACTIVE, SolverTask.reactive
     if isinstance(task, PreventiveTask):
         kind, make = SlotKind.PREVENTIVE, SolverTask.preventive
-    of = _observers_of(task, observers)
-    return [Slot(kind, task.against, make(of=of, against=task.against, speed=task.speed))]
-
-
-def _observers_of(task: ReactiveTask | PreventiveTask, observers: Sequence[str]) -> list[int] | None:
-    """Numbers of the observers that a task names; None: all."""
-    if task.of is None:
-        return None
-    missing = [name for name in task.of if name not in observers]
+    missing = [name for name in task.of or () if name not in observers]
     if missing:
         raise ConfigError(
             f"a {task.type} task names an observer that the body does not have",
             found=", ".join(missing),
             next_step=suggest(missing[0], list(observers)),
         )
-    return [observers.index(name) for name in task.of]
+    of = None if task.of is None else [observers.index(name) for name in task.of]
+    return [Slot(kind, task.against, make(of=of, against=task.against, speed=task.speed))]
 
 
 def _posture(task: PostureTask, body: BodyModel) -> list[Slot]:
@@ -279,7 +264,7 @@ def _posture(task: PostureTask, body: BodyModel) -> list[Slot]:
 
 
 def _row_weights(weight: tuple[float, float, float], *, is_soft: bool) -> tuple[float, float, float]:
-    """Weights of rows; a stiffness multiplies the square of an error, so its root multiplies the row."""
+    """Weights of rows. A stiffness multiplies the square of an error, so its root multiplies the row."""
     return as_vector(np.sqrt(weight)) if is_soft else weight
 
 

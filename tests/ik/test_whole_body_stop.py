@@ -9,7 +9,7 @@ from followers import DT, follow, follower, op3, performer, postures
 from retarget._solver import MASS_BRAKING
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import Stance, footing, plant
-from retarget.ik.whole_body_stop import LONGEST, StopPath, WholeBodyStop
+from retarget.ik.whole_body_stop import LONGEST_STOP_TICKS, StopPath, WholeBodyStop
 from retarget.robot.following_limits import following_limits, servo_limits
 from retarget.robot.landmarks import standing_dofs
 from retarget.safety.standing import SOLE_M
@@ -79,7 +79,7 @@ def test_a_fast_crouch_comes_to_rest_whatever_arms_do() -> None:
     for _ in range(20):
         velocity = upward(-0.15)
         velocity[arms] = random.uniform(-4.0, 4.0, len(arms))
-        assert len(plans.path(stance().q, velocity, DT).postures) < LONGEST
+        assert len(plans.path(stance().q, velocity, DT).postures) < LONGEST_STOP_TICKS
 
 
 def test_a_mass_that_nothing_tips_brakes_with_its_joints() -> None:

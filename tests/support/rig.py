@@ -15,12 +15,12 @@ from retarget.frames import SensorSample
 from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import Clip, Playback, lay_on_ticks
 from retarget.ik.support_polygon import plant
-from retarget.ik.whole_body_stop import LONGEST, StopPath
+from retarget.ik.whole_body_stop import LONGEST_STOP_TICKS, StopPath
 from retarget.model.human import Human, PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
-from retarget.run.loop import Ending, Loop, Observer, Operator
+from retarget.run.loop import Ending, Loop, Operator, RunObserver
 from retarget.run.rest_trajectory import EndPlan
 from retarget.run.run_result import RunResult, RunSetup
 from retarget.run.supervisor import End, Supervisor
@@ -142,7 +142,7 @@ def gentle_stop(robot: RobotBody, before: FloatArray, q: FloatArray, dt: float) 
     deceleration."""
     columns, slower = robot.servo_columns, 0.2 * robot.joint_map.max_acceleration * dt**2
     postures, moved = [q], (q - before)[columns]
-    while moved.any() and len(postures) <= LONGEST:
+    while moved.any() and len(postures) <= LONGEST_STOP_TICKS:
         moved = np.copysign(np.maximum(np.abs(moved) - slower, 0.0), moved)
         q = q.copy()
         q[columns] += moved
@@ -181,7 +181,7 @@ class Rig:
         )
 
     def loop(
-        self, clip: Clip | None = None, operator: Operator | None = None, observers: Sequence[Observer] = ()
+        self, clip: Clip | None = None, operator: Operator | None = None, observers: Sequence[RunObserver] = ()
     ) -> Loop:
         """A run of a clip; None: 0.4 s of the synthetic performer."""
         clip = short_clip(seconds=0.4) if clip is None else clip
@@ -215,5 +215,5 @@ def scripted_run() -> RunResult:
     return result(ending, clip, human, rig.robot)
 
 
-def play(rig: Rig, operator: Operator | None = None, *observers: Observer) -> Ending:
+def play(rig: Rig, operator: Operator | None = None, *observers: RunObserver) -> Ending:
     return rig.loop(None, operator, observers).run()
