@@ -25,7 +25,7 @@ from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.open_stream import open_stream
 from retarget.model.robot import RobotBody
 from retarget.report import latency
-from retarget.report.latency import STAGES, Latency, latency_of
+from retarget.report.latency import LATENCY_STAGES, Latency, latency_of
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare_for
 from retarget.run.run_result import RunResult
@@ -91,7 +91,7 @@ def main() -> None:
     wanted = parser.parse_args()
     found = {name: measure(bus, performer(), wanted.seconds) for name, (bus, performer) in RUNS.items()}
     rows = []
-    for stage in STAGES:
+    for stage in LATENCY_STAGES:
         spreads = [one.report.stages.get(stage) for one in found.values()]
         rows.append([stage, *("" if one is None else f"{one.p50:.1f} ({one.p99:.1f})" for one in spreads)])
     for name, whole in (

@@ -1,8 +1,8 @@
-"""ROS 2 messages of fixed size as numpy rows: all messages of a topic are filled and read at once, without a loop.
+"""ROS 2 messages of fixed size as NumPy rows, so that all messages of a topic are filled and read without a loop.
 
-Within one recording a message never changes its size: names and counts stand still. Its CDR encoding (OMG DDS-XTypes
-1.3, 7.4.3, plain CDR, little-endian) is then a structured dtype, in which lengths, names and padding are constants. It
-follows from the message's definition (`ros2_messages.txt`, as `ros2msg` has them): standard ones wherever there is one.
+Within one recording a message keeps its size, because names and counts are constant. Its CDR encoding (OMG DDS-XTypes
+1.3, 7.4.3, plain CDR, little-endian) is then a structured dtype. It follows from the message's definition
+(`ros2_messages.txt`, in the form `ros2msg`).
 """
 
 import json
@@ -16,21 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 Rows = NDArray[Any]
-"""A structured array: one row per message."""
+"""A structured array with one row per message."""
 Given = Mapping[str, int | str | tuple[str, ...]]
-"""What stands still in a message, by field: the length of a sequence, a text, texts or the names of elements."""
+"""Constants of a message by field: the length of a sequence, a text, or texts or element names."""
 
 HEADER = b"\x00\x01\x00\x00"
 """Plain CDR, little-endian."""
 CALLED = {"transform": "pose"}
-"""Fields that have another name in a layout, as it was before layouts followed from definitions."""
+"""Fields whose published layout has another name than the definition."""
 _KEYS = ("names", "formats", "offsets", "itemsize")
 _SIZES = {"bool": "?", "uint8": "u1", "int8": "i1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
 
-# The definitions of messages.
-
 _LINE = "=" * 80 + "\n"
-"""What parts the definitions of messages in one text: 80 signs, as ROS bags have it."""
+"""Separator of message definitions, as in ROS bags."""
 _PARTS = files("retarget.recording").joinpath("ros2_messages.txt").read_text(encoding="utf-8").split(f"{_LINE}MSG: ")
 _OWN = {name: text for name, _, text in (part.removeprefix("MSG: ").partition("\n") for part in _PARTS)}
 
@@ -49,20 +47,17 @@ def _made_of(name: str) -> dict[str, None]:
 
 
 def schema(name: str) -> str:
-    """The definition of a message by its full name, followed by those that it is made of. docs/results.md explains
-    the fields."""
+    """The definition of a message by its full name, followed by those of its parts. docs/results.md explains the
+    fields."""
     own, *others = _made_of(name.replace("/msg/", "/"))
     return _OWN[own] + "".join(f"{_LINE}MSG: {other}\n{_OWN[other]}" for other in others)
 
 
-# The bytes of messages.
-
-
 @dataclass(frozen=True, eq=False)
 class CdrLayout:
-    """The bytes of one message. dtype: its fields where they stand; template: a message in which all fields are 0.
+    """The bytes of one message. dtype: its fields; template: a message with all fields 0.
 
-    description: the dtype as JSON, as `numpy.dtype` takes it, which the file holds for its reader.
+    description: the dtype as JSON for `numpy.dtype`, which the file holds for its reader.
     """
 
     dtype: np.dtype[Any]
@@ -70,22 +65,22 @@ class CdrLayout:
     description: str
 
     def rows(self, count: int) -> Rows:
-        """Make an array (count,) of messages to be filled."""
+        """An array (count,) of messages to be filled."""
         return np.frombuffer(bytearray(self.template * count), dtype=self.dtype)
 
 
 def layout_from(description: str) -> np.dtype[Any]:
-    """The dtype of a layout's `description`. Raises ValueError, TypeError or KeyError for what is none."""
+    """The dtype of a layout's `description`. Raises ValueError, TypeError or KeyError."""
     fields = json.loads(description)
     made: np.dtype[Any] = np.dtype({key: fields[key] for key in _KEYS})  # type: ignore[call-overload]
     return made
 
 
 def layout_of(message: str, given: Given) -> CdrLayout:
-    """The layout of a message by its full name; sequences and texts that are not given are empty.
+    """The layout of a message by its full name. Sequences and texts that are not given are empty.
 
-    A field within another one is named by both, except those of a header; within an element, by that element. What is
-    made of float64 alone, as a pose is, is a row of them.
+    A nested field has the names of both, without that of a header; a field of an element begins with the element's
+    name. A message of float64 alone, such as a pose, is one row of them.
     """
     draft = _Draft(given)
     draft.add_all(message.replace("/msg/", "/"), "")
@@ -95,7 +90,7 @@ def layout_of(message: str, given: Given) -> CdrLayout:
 
 
 def _numbers(kind: str) -> tuple[str, int]:
-    """The format and how many there are of it, of what is made of numbers of one kind; 0: of anything else."""
+    """Format and count of a message of numbers of one kind; 0 for any other."""
     if kind in _SIZES:
         return _SIZES[kind], 1
     parts = [_numbers(part) for part, _ in _fields(kind)] if kind in _OWN else []
@@ -110,7 +105,7 @@ class _Draft:
         self._given = given
 
     def add_all(self, message: str, before: str) -> None:
-        """All fields of a message. before: what begins their names."""
+        """Add all fields of a message. before: prefix of their names."""
         for kind, name in _fields(message):
             self._add(kind.removesuffix("[]"), before + CALLED.get(name, name), many=kind.endswith("[]"), before=before)
 
@@ -151,5 +146,5 @@ class _Draft:
         self.data += value.to_bytes(4, "little")
 
     def _align(self, size: int) -> None:
-        """CDR counts from behind its header."""
+        """CDR aligns from the end of its header."""
         self.data += bytes(-(len(self.data) - len(HEADER)) % size)

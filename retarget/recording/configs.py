@@ -1,4 +1,5 @@
-"""The config files of a recorded run as they were: where they lie, or from the recording; or with a robot of now."""
+"""The config files of a recorded run: unchanged ones from their place, others from the recording, or those of a given
+robot."""
 
 import hashlib
 from collections.abc import Iterator
@@ -23,11 +24,11 @@ ANOTHER = "Say which robot is meant: --robot NAME|FILE"
 
 @dataclass(frozen=True, eq=False)
 class Configs:
-    """What a recorded run is made of, to be run again.
+    """The configuration of a recorded run, to be run again.
 
-    options: they name the files that are used. robot: None of a human alone. notes: which files differ from those of
-    the recorded run, and which are used, a sentence each. attached: names of the files that were taken from the
-    recording; they exist only while the context lasts.
+    options: they name the files that are used. robot: None for a human alone. notes: files that have changed since, and
+    those that are used, one sentence each. attached: names of the files taken from the recording, which exist only in
+    the context.
     """
 
     options: RunOptions
@@ -37,7 +38,7 @@ class Configs:
 
     @property
     def body_attached(self) -> bool:
-        """Whether the robot's body file was taken from the recording."""
+        """True if the robot's body file was taken from the recording."""
         return any(name.startswith("body.") for name in self.attached)
 
 
@@ -45,11 +46,10 @@ class Configs:
 def as_recorded(
     recording: Recording, *, options: RunOptions | None = None, robot: str | None = None, body: Path | None = None
 ) -> Iterator[Configs]:
-    """Every file as it was: from its place where it still is so, else from the recording, while the context lasts.
+    """Every file as it was, from its place if it is unchanged, else from the recording, while the context lasts.
 
-    options: of the recording, or with another bus. robot: by name or path, as it is now, instead of that of then.
-    body: the robot's body file instead of that of then. Raises RetargetError where a file is nowhere, or is none for
-    this version.
+    options: of the recording, or with another bus. robot: name or path of a present robot to use instead. body: the
+    robot's body file to use instead. Raises RetargetError where a file is missing or invalid in this version.
     """
     options = recording.session.options if options is None else options
     if robot is not None and options.is_human:
@@ -63,13 +63,13 @@ def as_recorded(
             found = None if options.is_human else _robot_of_then(files, options, body)
         options = replace(options, performer=files.place(PERFORMER))
         if options.scene is not None:
-            options = replace(options, scene=files.place(SCENE) if robot is None else files.of_now(SCENE))
-        yield _with_priorities(files, options, found, of_now=robot is not None)
+            options = replace(options, scene=files.place(SCENE) if robot is None else files.present(SCENE))
+        yield _with_priorities(files, options, found, present=robot is not None)
 
 
 @contextmanager
 def recorded_scene(recording: Recording) -> Iterator[tuple[str | None, tuple[str, ...]]]:
-    """The scene alone, as it was: its name or file (None without one), and notes on it. Raises RetargetError."""
+    """The scene as it was: its name or file (None without one), and notes on it. Raises RetargetError."""
     scene = recording.session.scene
     with TemporaryDirectory(prefix="retarget.") as folder:
         files = _Files(recording, Path(folder))
@@ -77,17 +77,17 @@ def recorded_scene(recording: Recording) -> Iterator[tuple[str | None, tuple[str
 
 
 class _Files:
-    """Finds each file of a run as it was. notes: which files differ from then. said: entries of the recording."""
+    """Finds the files of a run. notes: changed files. recorded: entries of the recording."""
 
     def __init__(self, recording: Recording, folder: Path) -> None:
         self.recording, self.notes, self.attached = recording, list[str](), set[str]()
-        self.said = {file.name: file for file in recording.session.files}
+        self.recorded = {file.name: file for file in recording.session.files}
         self._folder = folder
 
     def place(self, name: str) -> str:
-        """Path of a file as it was: where it was, or from the recording. Raises InputError where it is nowhere."""
-        then = Path(self.said[name].path) if name in self.said else None
-        if then is not None and self.is_as_then(name, then):
+        """Path of a file as it was. Raises InputError where it is missing."""
+        then = Path(self.recorded[name].path) if name in self.recorded else None
+        if then is not None and self.unchanged(name, then):
             return str(then)
         content = self.recording.attachments.get(name)
         if content is None or PurePosixPath(name).name != name:
@@ -105,32 +105,32 @@ class _Files:
         path.write_bytes(content)
         return str(path)
 
-    def of_now(self, name: str) -> str:
-        """Path of a file as it is now, for a robot of now: what stands around it, say. Where it is gone: as it was."""
-        path = Path(self.said[name].path) if name in self.said else None
+    def present(self, name: str) -> str:
+        """Path of a file as it is now, or as it was if it is gone."""
+        path = Path(self.recorded[name].path) if name in self.recorded else None
         if path is None or not path.is_file():
             return self.place(name)
-        if not self.is_as_then(name, path):
+        if not self.unchanged(name, path):
             self.notes.append(f"{name} is another one now, {path}: it is used")
         return str(path)
 
-    def is_as_then(self, name: str, path: Path) -> bool:
-        """Whether a file holds what it held."""
-        said = self.said.get(name)
+    def unchanged(self, name: str, path: Path) -> bool:
+        """True if a file has the recorded content."""
+        entry = self.recorded.get(name)
         try:
             if not path.is_file() or path.stat().st_size > MAX_BYTES:
                 return False
-            return said is not None and hashlib.sha256(config_content(name, path)).hexdigest() == said.sha256
+            return entry is not None and hashlib.sha256(config_content(name, path)).hexdigest() == entry.sha256
         except (RefusedError, OSError, ValueError):
             return False
 
 
-def _with_priorities(files: _Files, options: RunOptions, robot: RobotBody | None, *, of_now: bool) -> Configs:
-    """The run with its priorities: those of then, or those that a robot of now names."""
+def _with_priorities(files: _Files, options: RunOptions, robot: RobotBody | None, *, present: bool) -> Configs:
+    """The configuration with the recorded priorities, or those of a present robot."""
     last = PRIORITIES_OF.format("human" if robot is None else "robot")
-    if options.priorities is not None or not of_now:
+    if options.priorities is not None or not present:
         options = replace(options, priorities=files.place(last))
-    if robot is not None and of_now:
+    if robot is not None and present:
         files.notes += _changes(files, options, robot)
     elif robot is not None:
         human = {"reconstruct": files.place(PRIORITIES_OF.format("human"))}
@@ -139,14 +139,14 @@ def _with_priorities(files: _Files, options: RunOptions, robot: RobotBody | None
 
 
 def _changes(files: _Files, options: RunOptions, robot: RobotBody) -> Iterator[str]:
-    """Which files of a robot of now differ from those of then."""
+    """Yield the changes from the recorded files to those of a present robot, in words."""
     now = {file.name: file for file, _ in config_files(options, robot)}
-    for name in (name for name in {**files.said, **now} if name in now or name == CALIBRATION):
+    for name in (name for name in {**files.recorded, **now} if name in now or name == CALIBRATION):
         if name not in now:
             yield f"{name}: there is none now"
-        elif name not in files.said:
+        elif name not in files.recorded:
             yield f"{name}: there was none then: {now[name].path}"
-        elif now[name].sha256 != files.said[name].sha256:
+        elif now[name].sha256 != files.recorded[name].sha256:
             yield f"{name} has changed: {now[name].path}"
 
 
@@ -155,9 +155,9 @@ def _robot_of_then(files: _Files, options: RunOptions, body: Path | None) -> Rob
     try:
         profile = read_profile(path)
         if body is None:
-            body = Path(files.place(next((name for name in files.said if name.startswith("body.")), "body.xml")))
+            body = Path(files.place(next((name for name in files.recorded if name.startswith("body.")), "body.xml")))
         profile = profile.model_copy(update={"body": str(body.resolve())})
-        known = CALIBRATION in files.said
+        known = CALIBRATION in files.recorded
         calibration = read_calibration(profile, Path(files.place(CALIBRATION))) if known else None
         return robot_of(profile, calibration, root=options.root)
     except RefusedError as error:

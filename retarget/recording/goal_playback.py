@@ -1,4 +1,4 @@
-"""Goal playback: a recording's goals are sent once more, to any bus. No performer is followed, all else is as ever."""
+"""Goal playback: the goals of a recording are sent again, to any bus, without a performer."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,12 +21,12 @@ from retarget.types import FloatArray, Notify
 
 FOR_EVER = 10**9
 HOLDS_S = 10.0
-"""Time in which the robot may hold, and return to the goals, that is recorded."""
+"""Time, s, that is recorded of holds and of the return to the goals."""
 
 
 def recorded_goals(recording: Recording, *, speed: float, dt: float) -> FloatArray:
-    """The goals (T, n), rad, that were sent while a performer was followed, in ticks of `dt` s. speed: 1 is as fast as
-    then. Raises InputError where no performer was followed, or a goal is not finite."""
+    """The goals (T, n), rad, of following, resampled to ticks of `dt` s. speed: 1 is that of the recording. Raises
+    InputError without any, or for a goal that is not finite."""
     cycles, where = recording.cycles, str(recording.path)
     followed = np.flatnonzero(cycles.kept & (cycles.phase == Phase.FOLLOW))
     if not followed.size:
@@ -47,13 +47,13 @@ def recorded_goals(recording: Recording, *, speed: float, dt: float) -> FloatArr
 
 @dataclass(frozen=True, eq=False)
 class HeldClip(Clip):
-    """The first sample of a recording for as long as it takes. planned: ticks that this takes if nothing is held."""
+    """The first sample of a recording, repeated. planned: ticks without holds."""
 
     planned: int
 
     @property
     def kept(self) -> int:
-        """Twice as many ticks as planned, and those of holds."""
+        """Twice the planned ticks, and those of holds."""
         return 2 * self.planned + round(HOLDS_S * self.rate_hz)
 
     def recorded(self) -> Clip:
@@ -68,7 +68,7 @@ def held_performance(performance: Performance, planned: int) -> Performance:
 
 
 def playing_back(prepared: Prepared, goals: FloatArray) -> Prepared:
-    """The run of a robot that sends goals (T, n), rad, servo order, a row a tick, instead of following."""
+    """The run of a robot that sends goals (T, n), rad, servo order, one row per tick."""
     assert prepared.machine is not None, "goals are a robot's"
     controller = GoalPlayback(prepared.machine.robot, goals, dt=prepared.machine.dt)
     instead = GoalsInstead(controller, goals[0], "the recorded goals")
@@ -86,10 +86,10 @@ def goal_playback(
     notify: Notify,
     robot: RobotBody | None = None,
 ) -> Iterator[Prepared]:
-    """A run that sends the goals, ready to start; it ends at rest. options: those of the recording, on another bus.
-    robot: as of `prepare_for`.
+    """A prepared run that sends the goals and ends at rest. options: those of the recording, with another bus. robot:
+    as in `prepare_for`.
 
-    Raises RetargetError for what cannot be sent to this robot.
+    Raises RetargetError for goals that this robot cannot have.
     """
     session = recording.session
     goals: list[FloatArray] = []

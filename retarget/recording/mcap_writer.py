@@ -1,7 +1,4 @@
-"""A recording's MCAP file, the bounded queue that the tick fills, and the thread that writes the one from the other.
-
-Chunks are whole once they are flushed.
-"""
+"""Writing of recordings: the MCAP file, the bounded queue that the tick fills, and the thread that empties it."""
 
 import threading
 from collections import deque
@@ -26,23 +23,23 @@ from retarget.schema.files import check_place, refuse_existing
 
 OPTION = "--record"
 METADATA = "retarget"
-"""Name of the metadata that hold the session."""
+"""Name of the metadata record with the session."""
 PROFILE = "ros2"
 CHUNK = 2**30
-"""Bytes that never fill: chunks end when they are flushed."""
+"""Chunk size, bytes, that is never reached, because a flush ends a chunk."""
 LARGEST = 4 * 2**20
 """Bytes of the largest config file that is attached."""
 MOST_RECORDS = 2**21
-"""Messages that are read of a file, and bytes in NPZ's MAX_BYTES; a file is full a little before. About 45 minutes of
-a robot of 20 servos at 125 Hz."""
+"""Largest number of messages that a reader takes; NPZ's MAX_BYTES bounds their bytes. The writer stops a little before,
+after about 45 minutes of 20 servos at 125 Hz."""
 SPARE_RECORDS, SPARE_BYTES = 2**10, 2**20
-"""For schemas and channels."""
-MESSAGE_HEAD = 31
+"""Reserve for schemas and channels."""
+MESSAGE_OVERHEAD = 31
 """Bytes of a message before its data."""
 
 
 def require_mcap(where: str) -> None:
-    """Raise UsageError where the library is not installed."""
+    """Raise UsageError if the library is not installed."""
     try:
         import mcap.writer  # noqa: F401
     except ImportError:
@@ -54,7 +51,7 @@ def require_mcap(where: str) -> None:
 
 
 def check_target(path: Path) -> None:
-    """Raise UsageError unless a recording can be written at `path`; nothing is left behind."""
+    """Raise UsageError unless a recording can be written at `path`."""
     require_mcap(OPTION)
     if path.suffix.lower() != ".mcap":
         raise UsageError("a recording is MCAP", where=OPTION, found=str(path)[:200], allowed="FILE.mcap")
@@ -62,10 +59,10 @@ def check_target(path: Path) -> None:
 
 
 class RecordingFile:
-    """A new recording, an MCAP file that grows while a run goes on."""
+    """A new MCAP file that grows during a run. Its chunks are whole once they are flushed."""
 
     def __init__(self, path: Path, session: Session, configs: Iterable[tuple[ConfigFile, bytes]]) -> None:
-        """Write what is known before the first cycle. Raises UsageError if there is a file, or none can be written."""
+        """Write session and configs. Raises UsageError for an existing file, or one that cannot be written."""
         from mcap.writer import CompressionType, Writer
 
         self.path = path
@@ -92,7 +89,7 @@ class RecordingFile:
         self._room, self._records = MAX_BYTES - SPARE_BYTES, MOST_RECORDS - SPARE_RECORDS  # that are left
 
     def announce(self, topics: Sequence[Topic]) -> None:
-        """Register the topics. Each one's metadata hold `layout`, a numpy dtype, and `names`."""
+        """Register the topics. Their metadata hold `layout`, a NumPy dtype, and `names`."""
         for topic in topics:
             names = ["_".join(name.split()) or "_" for name in topic.names]  # blanks part one from the next
             metadata = {"layout": topic.layout.description, "names": " ".join(names)}
@@ -100,32 +97,32 @@ class RecordingFile:
         self._register(EVENTS, "rcl_interfaces/msg/Log", {})
 
     def takes(self, sizes: Sequence[int]) -> bool:
-        """Whether messages of so many bytes can be added, of which all would be read back; they then count as added."""
-        self._room -= sum(sizes) + MESSAGE_HEAD * len(sizes)
+        """Count messages of these sizes, bytes. True if a reader would take them all."""
+        self._room -= sum(sizes) + MESSAGE_OVERHEAD * len(sizes)
         self._records -= len(sizes)
         return self._room >= 0 and self._records >= 0
 
     def add(self, topic: str, *, index: int, stamp_ns: int, data: bytes) -> None:
-        """Take a message of a topic. index: of its cycle."""
+        """Add a message of a topic. index: of its cycle."""
         self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns, index)
 
     def flush(self) -> None:
-        """Hand everything to the system: a crash of this process does not lose it. Raises OSError."""
+        """Hand everything to the system, so that a crash of this process does not lose it. Raises OSError."""
         self._writer.flush()  # type: ignore[no-untyped-call]
         self._stream.flush()
 
     def finish(self) -> None:
-        """Write the rest and the index, and close. Raises OSError."""
+        """Write the index and close. Raises OSError."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._stream.close()
 
     def close(self) -> None:
-        """Close, whatever is missing. Twice does no harm."""
+        """Close, even if the rest cannot be written."""
         with suppress(OSError):  # a full disk keeps the rest from it
             self._stream.close()
 
     def discard(self) -> None:
-        """Close and remove it: nothing was recorded."""
+        """Close and remove the file."""
         self.close()
         self.path.unlink(missing_ok=True)
 
@@ -135,29 +132,27 @@ class RecordingFile:
         self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[message], metadata)
 
 
-# The bounded queue between the tick and the writing thread: rows are filled in place and never wait for a disk.
-
 ROWS = 1024
 """Eight seconds at 125 Hz."""
 CLEARED = (
-    *("readings", "asked", "velocity_asked", "sampled", "read", "written", "kept", "sensor_valid", "clock"),
+    *("readings", "asked", "velocity_command", "sampled", "read", "written", "kept", "sensor_valid", "clock"),
     *STAGES,
 )
-"""The fields that say what happened in a cycle: in a new row nothing has."""
+"""Fields of events in a cycle, which are reset in a new row."""
 
 
 class Ring:
-    """One thread fills the row `at` of `rows` and turns to the next; another one takes those that are finished.
+    """A queue of rows between two threads: one fills the row `at` of `rows`, the other takes the finished ones.
 
-    lost: finished rows for which there was no room. patient: the filling thread waits for room instead; for runs in
-    which time is not real. index: number of the row that is being filled, lost ones counted.
+    lost: finished rows without room. patient: the filling thread waits for room, in runs on a virtual clock. index:
+    number of the current row, lost ones included.
     """
 
     def __init__(self, widths: Widths, *, patient: bool = False, rows: int = ROWS) -> None:
         self.rows = RunTable.empty(rows, widths, RECORDED)
         self._cleared = [(self.rows.known[name], FIELDS[name].fill) for name in CLEARED]
         self.at = self.index = self.lost = 0
-        self.wanted = threading.Event()
+        self.due = threading.Event()
         """Set when it is time to take rows."""
         self._size = rows
         self._patient = patient
@@ -166,13 +161,13 @@ class Ring:
         self._closed = False
 
     def turn(self) -> None:
-        """The row is finished: go to the next one, which is as if nothing had happened."""
+        """Finish the row, and go to the next one, which is reset."""
         if self._finished + 1 - self._taken >= self._size and not self._wait():
             self.lost += 1
         else:
             self._finished += 1
             if 2 * (self._finished - self._taken) >= self._size:
-                self.wanted.set()
+                self.due.set()
         self.index += 1
         self.at = self._finished % self._size
         self.rows.index[self.at] = self.index
@@ -180,7 +175,7 @@ class Ring:
             array[self.at] = fill
 
     def take(self) -> RunTable:
-        """The rows that are finished and were not taken before, as copies."""
+        """Copies of the finished rows that were not taken before."""
         first, last = self._taken, self._finished
         taken = self.rows[np.arange(first, last) % self._size]
         self._taken = last
@@ -188,33 +183,31 @@ class Ring:
         return taken
 
     def close(self) -> None:
-        """No thread takes rows any more: the filling thread is not to wait for one."""
+        """Release the filling thread, because no thread takes rows any more."""
         self._closed = True
         self._room.set()
 
     def _wait(self) -> bool:
-        """Whether there is room now; waits for it if `patient`."""
+        """True if there is room now; waits for it if `patient`."""
         while self._patient:
             self._room.clear()
             if self._finished + 1 - self._taken < self._size:
                 return True
             if self._closed:
                 break
-            self.wanted.set()
+            self.due.set()
             self._room.wait()
         return False
 
 
-# Events: each is logged once, with the cycle in which it happened.
-
 MOST_EVENTS = 10_000
-"""Events that wait to be written; of more, the newest are kept."""
+"""Queued events, of which the newest are kept."""
 MAX_TEXT = 2000
-"""Characters of an event; longer texts are cut, so that one message cannot fill the queue."""
+"""Characters of an event; longer texts are cut to bound the queue."""
 
 
-class Level(IntEnum):
-    """Levels of an rcl_interfaces/msg/Log."""
+class LogLevel(IntEnum):
+    """Levels of rcl_interfaces/msg/Log."""
 
     INFO = 20
     WARN = 30
@@ -222,44 +215,41 @@ class Level(IntEnum):
 
 
 @dataclass(frozen=True)
-class Event:
-    """time: s, on the run's clock. who: guard, bus, stream, ... cycle: in which it was."""
+class LogEvent:
+    """An event of a cycle. time: s, on the run's clock. source: guard, bus, stream, ..."""
 
     time: float
     cycle: int
-    level: Level
-    who: str
+    level: LogLevel
+    source: str
     text: str
 
 
-def log_message(event: Event, *, stamp_ns: int) -> bytes:
-    """The event as rcl_interfaces/msg/Log in CDR; its `line` is the cycle."""
-    row = layout_of("rcl_interfaces/msg/Log", {"name": event.who, "msg": event.text[:MAX_TEXT]}).rows(1)
+def log_message(event: LogEvent, *, stamp_ns: int) -> bytes:
+    """The event as rcl_interfaces/msg/Log in CDR. Its `line` is the cycle."""
+    row = layout_of("rcl_interfaces/msg/Log", {"name": event.source, "msg": event.text[:MAX_TEXT]}).rows(1)
     row["stamp.sec"], row["stamp.nanosec"] = divmod(stamp_ns, 10**9)
     row["level"], row["line"] = event.level, max(event.cycle, 0)
     return row.tobytes()
 
 
-# The thread that writes a recording: it takes what the tick has finished, encodes it, and hands it to the system.
-
 FLUSH_S = 0.4
-"""Time, s, between two chunks: a crash loses so much, and a chunk that is under way."""
+"""Time, s, between two chunks, which bounds the loss in a crash."""
 PATIENCE_S = 5.0
-"""Time, s, that closing waits for a disk that hangs."""
+"""Longest time, s, that closing waits for the disk."""
 
 
 class WritingThread:
-    """Writes one recording. stamp: from s of the run's clock to ns of the file.
+    """The thread that writes a recording. stamp: converts s of the run's clock to ns of the file.
 
-    failure: why it ended early, "" while all is well; a disk that is full ends the recording and nothing else. cpu_s:
-    of this thread, s.
+    failure: reason of an early end, else "". A full disk ends the recording alone. cpu_s: CPU time of this thread, s.
     """
 
     def __init__(
         self,
         file: RecordingFile,
         ring: Ring,
-        events: deque[Event],
+        events: deque[LogEvent],
         topics: Sequence[Topic],
         stamp: Callable[[float], int],
     ) -> None:
@@ -274,9 +264,9 @@ class WritingThread:
         self._thread.start()
 
     def close(self) -> None:
-        """Write the rest and the index; waits PATIENCE_S at most. Twice does no harm."""
+        """Write the rest and the index, for PATIENCE_S at most. A second call does nothing."""
         self._ending = True
-        self._ring.wanted.set()
+        self._ring.due.set()
         self._thread.join(PATIENCE_S)
         if self._thread.is_alive():
             self.failure = self.failure or "the disk does not answer"
@@ -285,8 +275,8 @@ class WritingThread:
         try:
             with np.errstate(all="ignore"):  # whatever was measured is kept, also what is not a number
                 while not (self._ending or self.failure):
-                    self._ring.wanted.wait(FLUSH_S)
-                    self._ring.wanted.clear()
+                    self._ring.due.wait(FLUSH_S)
+                    self._ring.due.clear()
                     self._write()
                 self._write()
             self._file.finish()
@@ -300,7 +290,7 @@ class WritingThread:
             self.cpu_s = thread_cpu()
 
     def _write(self) -> None:
-        """All that is there, as one chunk; nothing where the file is full."""
+        """Write the queue as one chunk; nothing if the file is full."""
         events = [self._events.popleft() for _ in range(len(self._events))]
         cycles = self._ring.take()
         stamps = np.array([self._stamp(time) for time in cycles.time.tolist()], dtype=np.int64)

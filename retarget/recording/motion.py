@@ -1,4 +1,4 @@
-"""A run as it is handed on to others: one table that every export is written from and every reader yields."""
+"""A recorded run as one table, which every export is written from and every reader returns."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -16,17 +16,21 @@ from retarget.run.table import RunTable
 from retarget.types import FloatArray
 
 UNEVEN = 0.01
-"""Ticks may be early or late by this share of their period and still count as evenly spaced."""
+"""Deviation from the period, as a share of it, up to which rows count as evenly spaced."""
+
+
+CM = 100.0
+"""Centimetres in a metre."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motion(RunTable):
-    """A motion of one body, whose tree has a free root: q (T, nq) is what was sent. Fields of servos have a column for
-    each of `joint_names`, NaN or -1 for a joint without servo. A human alone was asked for its sensors as landmarks.
+    """A motion of one body with a free root: q (T, nq) is what was sent. Servo fields have a column for each of
+    `joint_names`, NaN or -1 for a joint without servo. The landmarks of a human alone are its sensors.
 
-    source: the file that it is from. robot: its name, or `human`. row: what a row is. notes: for the user, about
-    missing parts. compiled: the body with its shapes; human: that of `human_q`. profile: of the robot, with the tree of
-    its motion. recording: of an MCAP file.
+    source: its file. robot: its name, or `human`. row: meaning of a row. notes: missing parts, for the user. compiled:
+    the body with its shapes; human: the body of `human_q`. profile: of the robot, with this tree. recording: of an MCAP
+    file.
     """
 
     source: str
@@ -43,7 +47,7 @@ class Motion(RunTable):
 
     @property
     def is_human(self) -> bool:
-        """Whether it is the virtual human that moves."""
+        """True if the virtual human moves."""
         return self.robot == "human"
 
     @property
@@ -53,7 +57,7 @@ class Motion(RunTable):
 
     @property
     def joint_units(self) -> tuple[str, ...]:
-        """`rad` of a hinge, `m` of a slide."""
+        """`rad` for a hinge, `m` for a slide."""
         kinds = dict(zip(self.body.joint_names, self.body.joint_type.tolist(), strict=True))
         return tuple("m" if kinds[name] == JointType.SLIDE else "rad" for name in self.joint_names)
 
@@ -75,7 +79,7 @@ class Motion(RunTable):
 
     @property
     def rate_hz(self) -> float:
-        """Rows per second. Raises InputError where rows are not evenly spaced in time, or where there is only one."""
+        """Rows per second. Raises InputError for unevenly spaced rows, and for a single one."""
         steps = np.diff(self.time)
         if not steps.size:
             raise InputError("one row is no motion", where=self.source, next_step="Export more of the run: --phase all")
@@ -93,7 +97,7 @@ class Motion(RunTable):
 
 
 def followed(motion: Motion, *, found: str = "no such tick", next_step: str = "") -> Motion:
-    """The rows in which the body followed. found, next_step: for the InputError where there is none."""
+    """The rows in which the body followed. found, next_step: for the InputError without any."""
     following = motion.phase == Phase.FOLLOW
     if not following.any():
         raise InputError("nothing was followed in this run", where=motion.source, found=found, next_step=next_step)
@@ -103,7 +107,7 @@ def followed(motion: Motion, *, found: str = "no such tick", next_step: str = ""
 def posture(body: BodyModel, joint_names: tuple[str, ...], joints: FloatArray, root: FloatArray) -> FloatArray:
     """Postures (T, nq) of a body with a free root, from joints (T, n) and the root (T, 7), xyz and wxyz.
 
-    Joints that are not named stay as in the body file. Raises ConfigError for a joint that the body does not have.
+    Other joints keep their value in the body file. Raises ConfigError for an unknown joint.
     """
     q = np.tile(body.qpos0, (len(joints), 1))
     q[:, :7] = root
@@ -112,11 +116,11 @@ def posture(body: BodyModel, joint_names: tuple[str, ...], joints: FloatArray, r
 
 
 UNIT = 0.01
-"""A quaternion may miss unit length by this."""
+"""Largest deviation of a quaternion from unit length."""
 
 
 def unit_quaternions(turn: FloatArray, *, where: str) -> FloatArray:
-    """Quaternions (T, 4) made exactly unit. Raises InputError where they are none."""
+    """Normalised quaternions (T, 4). Raises InputError if one is far from unit length."""
     off = np.abs(np.linalg.norm(turn, axis=1) - 1.0)
     if off.max() > UNIT:
         row = int(np.argmax(off)) + 1
@@ -135,20 +139,16 @@ def quaternion_columns(body: BodyModel) -> list[int]:
     ]
 
 
-# A motion at another rate: straight lines between the ticks, and the short arc between two orientations.
-#
-# Nothing is filtered: what moves faster than half the new rate shows as something slower.
-
 MAX_FPS = 1000.0
 EXACT = 1e-9
-"""Two rates that differ by less than this share are one."""
+"""Relative difference of two rates that count as equal."""
 
 
 def resampled(motion: Motion, fps: float) -> Motion:
-    """The motion at `fps` rows per second, from its first row on; nothing is added after its last.
+    """The motion at `fps` rows per second from its first row on, without a filter.
 
-    Raises UsageError for an impossible rate. At its own rate it is returned as it is; otherwise what belongs to single
-    ticks, as the goals of servos do, is left out.
+    Positions are interpolated linearly and orientations by slerp. Fields of single ticks, such as servo goals, are left
+    out, unless the rate stays the same. Raises UsageError for an impossible rate.
     """
     if not 0.0 < fps <= MAX_FPS:
         raise UsageError("impossible rate", where="--fps", found=f"{fps:g}", allowed=f"above 0, up to {MAX_FPS:g}")
@@ -180,24 +180,19 @@ def resampled(motion: Motion, fps: float) -> Motion:
     return replace(motion, **values | {"time": time, "phase": motion.phase[before], "q": q})
 
 
-# The conventions of what is exported, in words that travel with the data.
-
 CONVENTIONS: Final = {
     "world": "right-handed, x forward, y left, z up (REP-103), metres; the ground is z = 0",
     "root": "origin and orientation of the body's first link, in the world",
     "joints": "what was sent to the servos: rad of a hinge, m of a slide, zero as in the body file",
     "time": "seconds, 0 at the first tick of following",
 }
-"""What: how. Each format states the order of its quaternions itself."""
-
-
-# Where every link of a body is over a motion, and how fast.
+"""Conventions of exported data. Each format states the order of its quaternions."""
 
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """Links (b) in the order of the body file, without the world. position (T, b, 3) m and orientation (T, b, 4) wxyz
-    of their origins, world."""
+    """Origins of the links (b), in the order of the body file without the world: position (T, b, 3) m and orientation
+    (T, b, 4) wxyz, world."""
 
     names: tuple[str, ...]
     position: FloatArray
@@ -214,19 +209,19 @@ def links_of(motion: Motion) -> Links:
 
 
 def rate_of_change(values: FloatArray, rate_hz: float) -> FloatArray:
-    """Central differences over the rows (T, ...), per second; one-sided at both ends, 0 for a single row."""
+    """Central differences (T, ...), per second, one-sided at the ends; 0 for a single row."""
     return np.asarray(np.gradient(values, axis=0) * rate_hz if len(values) > 1 else np.zeros_like(values))
 
 
 def sign_aligned(quaternions: FloatArray) -> FloatArray:
-    """The same orientations (T, ..., 4) with signs that do not flip from row to row."""
+    """The same orientations (T, ..., 4), with signs that do not flip from row to row."""
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=-1) < 0.0
     signs = np.cumprod(np.where(flips, -1.0, 1.0), axis=0)
     return np.concatenate([quaternions[:1], quaternions[1:] * signs[..., None]])
 
 
 def angular_velocity(orientation: FloatArray, rate_hz: float) -> FloatArray:
-    """World angular velocities (T, ..., 3) rad/s of orientations (T, ..., 4), by differences as `rate_of_change`."""
+    """World angular velocities (T, ..., 3) rad/s of orientations (T, ..., 4), by central differences."""
     if len(orientation) < 2:
         return np.zeros((*orientation.shape[:-1], 3))
     rows = np.arange(len(orientation))

@@ -1,4 +1,4 @@
-"""`--save FILE.npz`: a run as arrays, written and read back, for checks with any tool. Its keys are a contract."""
+"""`--save FILE.npz`: a run as arrays, written and read back. The keys are a contract."""
 
 from collections.abc import Collection
 from pathlib import Path
@@ -17,14 +17,14 @@ from retarget.schema.files import check_place, write_atomic, write_stream
 from retarget.types import FloatArray
 
 AS_THEY_ARE = ("time", "gated", "human_joints", "human_q", "sensors", *STAGES, *OF_IMU)
-"""Fields that are saved as they are in the record."""
+"""Fields that are saved as in the record."""
 NO_SERVO = -1
-"""Goal, ticks, in the column of a joint without a servo."""
+"""Goal, ticks, of a joint without a servo."""
 Arrays = dict[str, NDArray[Any]]
 
 
 def save_path(text: str | Path) -> Path:
-    """Path of a recording of a run. Raises UsageError unless it is an .npz file that can be written."""
+    """Path of a saved run. Raises UsageError unless it is an .npz file that can be written."""
     path = Path(text)
     if path.suffix.lower() != ".npz":
         name = path.with_suffix(".npz").name if path.name else "run.npz"
@@ -41,10 +41,8 @@ def human_body_path(path: Path) -> Path:
 
 
 def write_npz(run: RunResult, path: Path) -> None:
-    """Write a run, whole or not at all. Of `--robot human` the body goes into an MJCF file beside it.
-
-    Raises UsageError if a file cannot be written.
-    """
+    """Write a run, whole or not at all. The body of `--robot human` goes into an MJCF file beside it. Raises
+    UsageError."""
     body = human_body_path(path) if run.robot is None else run.robot.profile.body_path
     if run.robot is None:
         write_atomic(body, run.human.mjcf.encode(), option="--save")
@@ -53,20 +51,20 @@ def write_npz(run: RunResult, path: Path) -> None:
 
 
 def run_arrays(run: RunResult, body: str) -> Arrays:
-    """The arrays of the file, one row per tick (T). `body`: path of the MJCF or URDF that the postures belong to, seen
-    from the file's folder.
+    """The arrays of the file, one row per tick (T). body: path of the MJCF or URDF of the postures, seen from the
+    file's folder.
 
     time (T,) s; joint_names (n,): all hinges and slides of the body; joint_positions (T, n) rad, sent; root_position
     (T, 3) m and root_quaternion (T, 4) wxyz; goal_ticks (T, n), -1: no servo; landmark_names (k,), landmarks_asked and
     landmarks_reached (T, k, 3) m (of a human: its sensors); gated (T,); human_joint_names (m,), human_joint_positions
-    (T, m, 3) m; human_truth (T, m, 3) m, where the file knows it. Beyond the contract: phase (T,), `approach`, `follow`
-    or `brake`; servo_positions (T, n) rad as the servos reported them, NaN without; human_q (T, nq) with human_mjcf,
-    the text of its body; sensor_names (s,), sensor_positions (T, s, 3) m, as the human was made of them, NaN where not
-    valid; dt s; motion_dt s; of a run in real time the times of its stages; of a robot with an IMU what it measured.
-    Before and after following, landmarks_asked, human_truth and sensors stand still.
+    (T, m, 3) m; human_truth (T, m, 3) m, if the file has it. Beyond the contract: phase (T,), `approach`, `follow` or
+    `brake`; servo_positions (T, n) rad, measured, NaN without; human_q (T, nq) with human_mjcf, the text of its body;
+    sensor_names (s,), sensor_positions (T, s, 3) m, NaN if not valid; dt s; motion_dt s; in real time the times of the
+    stages; with an IMU its measurements. Before and after following, landmarks_asked, human_truth and sensors keep
+    their nearest value.
     """
     record, robot, sent = run.record, run.robot, run.record.robot
-    names, asked, reached = run.followed
+    names, desired, actual = run.followed
     left_out = set() if run.setup.real_time else set(STAGES)
     if robot is None or np.isnan(record.imu_time).all():
         left_out |= set(OF_IMU)
@@ -85,8 +83,8 @@ def run_arrays(run: RunResult, body: str) -> Arrays:
             present[:, [joints.index(joint) for joint in robot.joint_map.joints]] = sent.present
     arrays |= {
         "landmark_names": np.array(names),
-        "landmarks_asked": _held(record, asked),
-        "landmarks_reached": reached,
+        "landmarks_asked": _held(record, desired),
+        "landmarks_reached": actual,
         "body": np.array(body),
         "human_joint_names": np.array(record.human_joint_names),
         "human_mjcf": np.array(run.human.mjcf),
@@ -99,7 +97,6 @@ def run_arrays(run: RunResult, body: str) -> Arrays:
 
 
 def _moved_body(body: BodyModel, q: FloatArray) -> Arrays:
-    """Joints and root of a body in postures (T, nq)."""
     names, joints, root = joints_and_root(body, q)
     return {
         "joint_names": np.array(names),
@@ -110,8 +107,8 @@ def _moved_body(body: BodyModel, q: FloatArray) -> Arrays:
 
 
 def joints_and_root(body: BodyModel, q: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Split postures (T, nq): names and positions, rad or m, (T, n) of all hinges and slides of the body, and its root
-    (T, 7), xyz and wxyz of the first link in the world."""
+    """Names and positions (T, n), rad or m, of all hinges and slides in postures (T, nq), and the root (T, 7), xyz and
+    wxyz of the first link in the world."""
     single, address = body.scalar_joints()
     solver, q = body.solver_body(), np.ascontiguousarray(q)
     root = np.hstack([solver.points(q, [1], np.zeros((1, 3)))[:, 0], solver.orientations(q, [1])[:, 0]])
@@ -119,22 +116,20 @@ def joints_and_root(body: BodyModel, q: FloatArray) -> tuple[tuple[str, ...], Fl
 
 
 def _held(record: Record, tracks: FloatArray) -> FloatArray:
-    """Tracks (T, k, 3) that are known while following; before it as at its first tick, after it as at its last."""
+    """Tracks (T, k, 3) with their first and last values of following before and after it."""
     following = record.following
     rows = np.clip(np.arange(len(record)), following.start, max(following.stop - 1, 0))
     return np.asarray(tracks[rows])
 
 
-# The arrays of a saved run that is read back.
-
 MAX_BYTES = 2**30
-"""Largest content that is unpacked, of an NPZ or an MCAP file. `MAX_KEPT` ticks of a robot with 50 servos are less."""
+"""Largest unpacked content of an NPZ or MCAP file. `MAX_KEPT` ticks of a robot with 50 servos are less."""
 NOT_A_RUN = "Give a file that `retarget run --save FILE.npz` wrote"
 NO_RUN = "Give a file that `retarget run` wrote with --save FILE.npz or --record FILE.mcap"
 
 
 def refuse_no_file(path: Path) -> None:
-    """Raise InputError for a folder, and for a pipe or device, which might be waited for without an end."""
+    """Raise InputError for a folder, and for a pipe or device, on which a read could block for ever."""
     if path.is_dir():
         raise InputError("this is a folder, not a run", where=str(path), next_step=NOT_A_RUN)
     if path.exists() and not path.is_file():
@@ -142,12 +137,12 @@ def refuse_no_file(path: Path) -> None:
 
 
 def read_arrays(path: Path, *, needed: frozenset[str], used: frozenset[str]) -> ArrayFile:
-    """The arrays `needed`, and those `used` that are there. Raises InputError: no NPZ, cut short, a key missing."""
+    """The arrays `needed`, and the present ones of `used`. Raises InputError for a damaged file, or a missing key."""
 
-    def wanted(names: Collection[str]) -> Collection[str]:
+    def keys(names: Collection[str]) -> Collection[str]:
         if missing := sorted(needed - set(names)):
             found, allowed = f"no {', '.join(missing)}", "the keys of docs/results.md"
             raise InputError("not a saved run", where=str(path), found=found, allowed=allowed, next_step=NOT_A_RUN)
         return needed | used
 
-    return open_arrays(path, wanted, max_bytes=MAX_BYTES, advice=NOT_A_RUN)
+    return open_arrays(path, keys, max_bytes=MAX_BYTES, advice=NOT_A_RUN)

@@ -1,7 +1,7 @@
-"""A recorded run read back, whatever file it is from: for the page, for exports and for programs.
+"""A recorded run read back from any of its files, for the page, for exports and for programs.
 
-NPZ (`--save`) holds every tick in full precision. MCAP (`--record`) holds goals and the root in single precision, the
-landmarks asked for 25 times a second (between two of them they are on a straight line) and the human 12.5 times.
+NPZ (`--save`) has every tick in full precision. MCAP (`--record`) has goals and root in single precision, the desired
+landmarks 25 times a second (interpolated linearly) and the human 12.5 times.
 """
 
 from dataclasses import replace
@@ -38,32 +38,31 @@ from retarget.types import FloatArray
 
 
 def read_run(path: Path, *, of_human: bool = False, body: Path | None = None) -> Motion:
-    """The motion of a recorded run: of its robot, or of the virtual human that the robot followed.
+    """The motion of a recorded run: of its robot, or of the virtual human.
 
-    body: MJCF or URDF of the robot, where the one that the file names is not there any more. Raises InputError.
+    body: MJCF or URDF of the robot, if the one that the file names is missing. Raises InputError.
     """
     run = read_recorded(path, robot=not of_human, body=body)
     return replace(run, notes=tuple(f"{path}: {note}" for note in run.notes))
 
 
 def no_human(source: str) -> InputError:
-    """The refusal of a run without a human."""
+    """The error for a run without a human."""
     found = "no human_q, human_mjcf or /human/posture"
     return InputError("the human is not in this run", where=source[:200], found=found, next_step=NO_RUN)
 
 
 def _of_human(known: dict[str, Any], human: BodyFile) -> Motion:
-    """The motion of the human of a run, of which so much is known, at the rows at which it was kept."""
+    """The motion of the human, at the rows with its posture."""
     own = {name: values for name, values in known.items() if name not in OF_SERVOS}
     own |= {"q": known["human_q"], "robot": "human", "body": body_from_file(human), "compiled": human, "human": human}
     return Motion(**own)[np.isfinite(known["human_q"]).all(axis=1)]
 
 
 def read_recorded(path: Path, *, robot: bool = True, body: Path | None = None) -> Motion:
-    """A recorded run, by what is in its file: of its robot, with its human where that is known, or of the human alone.
+    """A recorded run, of its robot (and human, if known) or of the human alone.
 
-    robot: whether it is needed; body: as of `read_run`. Raises InputError for anything that is no such run, and for one
-    without a tick that was sent.
+    robot: required; body: as in `read_run`. Raises InputError for any other file, and for a run without a sent tick.
     """
     try:
         refuse_no_file(path)
@@ -77,31 +76,24 @@ def read_recorded(path: Path, *, robot: bool = True, body: Path | None = None) -
         with refusing_hostile(recording):
             return _of_mcap(recording, robot, body)
     if begins.startswith(ZIP):
-        return _of_npz(path, robot, body)
+        used = ROBOT_KEYS | HUMAN_KEYS | {"phase", *NAMES.values(), *(FIELDS[name].npz for name in READ)}
+        return _of_arrays(read_arrays(path, needed=ROBOT_KEYS if robot else HUMAN_KEYS, used=used), path, robot, body)
     raise InputError("not a recorded run", where=str(path)[:200], found="neither NPZ nor MCAP", next_step=NO_RUN)
 
 
-# A run that `--save FILE.npz` wrote. It keeps no scene, temperatures, currents and physics.
-
 ZIP = b"PK"
-"""Begins an NPZ file."""
+"""First bytes of an NPZ file."""
 ROBOT_KEYS = frozenset({"time", "joint_names", "joint_positions", "root_position", "root_quaternion", "body"})
 HUMAN_KEYS = frozenset({"time", "human_q", "human_mjcf"})
 NAMES = {"landmarks": "landmark_names", "sensors": "sensor_names", "servos": "joint_names"}
-"""The keys that name the columns of a width."""
+"""Keys of the column names of a width."""
 OF_SERVOS = ("present", "goal_ticks", "temperature", "current")
 READ = ("human_q", "sensors", "present", "goal_ticks", "landmarks_asked", "landmarks_reached", *STAGES)
-"""The fields that are read where the file has them."""
-
-
-def _of_npz(path: Path, robot: bool, body: Path | None) -> Motion:
-    used = ROBOT_KEYS | HUMAN_KEYS | {"phase", *NAMES.values(), *(FIELDS[name].npz for name in READ)}
-    return _of_arrays(read_arrays(path, needed=ROBOT_KEYS if robot else HUMAN_KEYS, used=used), path, robot, body)
+"""Fields that are read if the file has them."""
 
 
 def motion_of(run: RunResult, source: str) -> Motion:
-    """The motion of a run that is over, the same as if it had been saved and read. source: its name in messages. Raises
-    InputError."""
+    """The motion of a finished run, as if saved and read. source: its name in messages. Raises InputError."""
     body = source if run.robot is None else str(run.robot.profile.body_path)
     file = ArrayFile(source, run_arrays(run, body), advice="")
     return _of_arrays(file, Path(source), run.robot is not None, None)
@@ -145,7 +137,7 @@ def _of_arrays(file: ArrayFile, path: Path, robot: bool, body: Path | None) -> M
 
 
 def _npz_posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows: int) -> FloatArray:
-    """Postures (T, nq) from what the file has of root and joints."""
+    """Postures (T, nq) from root and joints of the file."""
     joints = file.floats("joint_positions", rows, len(names))
     turn = unit_quaternions(file.floats("root_quaternion", rows, 4), where=file.source)
     root = np.hstack([file.floats("root_position", rows, 3), turn])
@@ -158,7 +150,7 @@ def _npz_posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows
 
 
 def _body_place(file: ArrayFile, path: Path, body: Path | None) -> Path:
-    """The body that is given; the one that the file names; or one of that name beside the file."""
+    """The given body, the one that the file names, or one of that name beside the file."""
     named = Path(str(file.texts("body")))
     for place in (path.parent / named, path.parent / named.name) if body is None else (body,):
         try:
@@ -186,7 +178,7 @@ def _npz_time(file: ArrayFile) -> FloatArray:
 
 
 def _npz_phase(file: ArrayFile, rows: int) -> ByteArray:
-    """Files from before phases were saved are all following."""
+    """The phases. Files from before phases were saved are all following."""
     if "phase" not in file:
         return np.full(rows, Phase.FOLLOW, dtype=np.int8)
     phase = file.texts("phase", rows)
@@ -195,9 +187,6 @@ def _npz_phase(file: ArrayFile, rows: int) -> ByteArray:
         where, allowed = f"{file.source}: phase", ", ".join(PHASE_NAMES)
         raise InputError("unknown phase", where=where, found=repr(strange[0])[:80], allowed=allowed)
     return np.array([PHASE_NAMES.index(name) for name in phase.tolist()], dtype=np.int8)
-
-
-# A run that `--record FILE.mcap` wrote.
 
 
 def _of_mcap(recording: Recording, with_robot: bool, body: Path | None) -> Motion:
@@ -224,8 +213,8 @@ def _of_mcap(recording: Recording, with_robot: bool, body: Path | None) -> Motio
     if human is None:
         raise no_human(source)
     if alone:
-        asked = {"landmarks_asked": known["sensors"], "landmark_names": session.sensors}
-        return _of_human(known | asked | {"notes": tuple(notes)}, human)
+        own = {"landmarks_asked": known["sensors"], "landmark_names": session.sensors, "notes": tuple(notes)}
+        return _of_human(known | own, human)
     run = _of_human(known | {"row": "posture that was kept"}, human)
     often = 1.0 / float(np.median(np.diff(run.time))) if len(run) > 1 else 0.0
     every = "`retarget replay` with --save FILE.npz has it at every tick"
@@ -233,7 +222,6 @@ def _of_mcap(recording: Recording, with_robot: bool, body: Path | None) -> Motio
 
 
 def _recorded_human(recording: Recording) -> BodyFile:
-    """The body of the human of a recording."""
     source = str(recording.path)
     mjcf = build_human(recording.session.size).mjcf
     human = compile_body_text(mjcf, source=f"{source}: the human", root="free", own=True)
@@ -244,7 +232,7 @@ def _recorded_human(recording: Recording) -> BodyFile:
 
 
 def _of_robot(recording: Recording, kept: NDArray[np.intp], robot: RobotBody) -> dict[str, Any]:
-    """What was sent to the robot in the cycles `kept` (T,), on a tree with a free root."""
+    """Postures, goals and servos of the robot in the cycles `kept` (T,), on a tree with a free root."""
     rows, servos = recording.cycles[kept], robot.joint_map
     compiled = compile_body(robot.profile.body_path, root="free")
     model = body_from_file(compiled)
@@ -267,7 +255,7 @@ def _of_robot(recording: Recording, kept: NDArray[np.intp], robot: RobotBody) ->
         read = (rows.read == Done.WELL)[:, None]
         known["present"] = spread(np.where(read, servos.to_radians(rows.position), np.nan))
     if LANDMARKS in recording.topics:
-        known |= _asked(tuple(robot.profile.landmarks), recording.topics[LANDMARKS], rows.index)
+        known |= _landmarks(tuple(robot.profile.landmarks), recording.topics[LANDMARKS], rows.index)
     if rows.truth.shape[1] == len(truth_names(model)):
         there = np.where(np.isnan(rows.truth).all(axis=1), 0, np.arange(len(rows)))
         known["truth"] = rows.truth[np.maximum.accumulate(there)]
@@ -277,7 +265,7 @@ def _of_robot(recording: Recording, kept: NDArray[np.intp], robot: RobotBody) ->
 
 
 def _time(found: Recording, index: NDArray[np.int64]) -> FloatArray:
-    """Times of cycles (T,), s: 0 at the first that followed, or at what would have been the first."""
+    """Times of cycles (T,), s: 0 at the first that followed, or would have."""
     cycles = found.cycles
     kept = np.flatnonzero(cycles.kept)
     follows = np.flatnonzero(cycles.phase[kept] == Phase.FOLLOW)
@@ -288,9 +276,9 @@ def _time(found: Recording, index: NDArray[np.int64]) -> FloatArray:
     return np.asarray((index - first) * found.session.dt)
 
 
-def _asked(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -> dict[str, Any]:
-    """Landmarks at every cycle: between two that were kept on a straight line, before the first and after the last that
-    were asked for as they stood then; unknown in between where one of them is."""
+def _landmarks(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -> dict[str, Any]:
+    """Desired landmarks at every cycle: interpolated linearly, constant before the first and after the last known one,
+    and unknown beside an unknown one."""
     tracks = {}
     for at, name in enumerate(names[: topic.rows["poses"].shape[1]]):
         said = topic.rows["poses"][:, at, :3]
@@ -299,23 +287,23 @@ def _asked(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -
             part = slice(known[0], known[-1] + 1)
             x, y = topic.cycles[part].astype(np.float64), said[part]
             tracks[name] = np.stack([np.interp(index, x, column) for column in y.T], axis=1)
-    asked = np.stack(list(tracks.values()), axis=1) if tracks else None
-    return {"landmarks_asked": asked, "landmark_names": tuple(tracks)}
+    desired = np.stack(list(tracks.values()), axis=1) if tracks else None
+    return {"landmarks_asked": desired, "landmark_names": tuple(tracks)}
 
 
 def _reasons(recording: Recording, cycles: RunTable) -> TextArray:
-    """The last failure or stop until each of the cycles, or ""."""
+    """The last failure or stop up to each of the cycles, or ""."""
     said = sorted(
         (cycle, text)
-        for (cycle, who), text in recording.texts.items()
-        if who.startswith("bus ") or (who in ("guard", "outside") and ": " in text)  # a cause and a reason
+        for (cycle, source), text in recording.texts.items()
+        if source.startswith("bus ") or (source in ("guard", "outside") and ": " in text)  # a cause and a reason
     )
     last = np.searchsorted([cycle for cycle, _ in said], cycles.index, side="right")
     return np.array([said[count - 1][1] if count else "" for count in last.tolist()], dtype=np.object_)
 
 
 def _valid_sensors(cycles: RunTable) -> FloatArray:
-    """Sensors (T, s, 3) m at every cycle, as they were sampled last, or first; NaN: not valid."""
+    """Sensors (T, s, 3) m of the last sample at every cycle, or of the first; NaN: not valid."""
     sampled = cycles.sampled != Done.NOT
     position = np.where((cycles.sampled == Done.WELL)[:, None, None], cycles.sensor_position, np.nan)
     position[~cycles.sensor_valid] = np.nan

@@ -1,7 +1,4 @@
-"""A recording read back as topics, and as the cycles that it was made of.
-
-The mcap library reads it, with its CRC checks on.
-"""
+"""A recording read back as topics and as cycles. The mcap library reads it and checks its CRCs."""
 
 import json
 import struct
@@ -50,16 +47,16 @@ from retarget.types import FloatArray
 
 MAGIC = b"\x89MCAP0\r\n"
 SCHEMA, CHANNEL, MESSAGE = 0x03, 0x04, 0x05
-"""Records in a chunk, by their opcodes."""
+"""Opcodes of records in a chunk."""
 RECORD_HEAD, MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<HI16x")
 """Opcode and length; channel and sequence."""
 HOSTILE = (ValueError, KeyError, IndexError, TypeError, SyntaxError, RecursionError, OverflowError, MemoryError)
-"""What content that no recording has leads to."""
+"""Errors that forged content leads to."""
 
 
 @dataclass(frozen=True, eq=False)
 class TopicRows:
-    """The messages of a topic. cycles (T,): the number of the cycle of each. rows (T,): its fields, by name."""
+    """The messages of a topic: cycles (T,), their cycle numbers, and rows (T,), their fields."""
 
     cycles: NDArray[np.int64]
     rows: Rows
@@ -67,8 +64,8 @@ class TopicRows:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a file holds. damage: how it ended early, "" if it is whole. texts: failures and stops by (cycle, who).
-    attachments: content of the config files by name, of those that are as the session says."""
+    """The content of a file. damage: the reason of an early end, "" if it is whole. texts: failures and stops by
+    (cycle, source). attachments: config files that match the session, by name."""
 
     path: Path
     session: Session
@@ -78,7 +75,7 @@ class Recording:
     attachments: dict[str, bytes] = field(default_factory=dict)
 
     def topic(self, name: str) -> TopicRows:
-        """The messages of a topic. Raises InputError where it has none."""
+        """The messages of a topic. Raises InputError if it has none."""
         if name not in self.topics:
             raise InputError(
                 "the recording has no such topic",
@@ -90,29 +87,29 @@ class Recording:
 
     @cached_property
     def cycles(self) -> RunTable:
-        """The cycles that are whole, from the first one on. In a cycle in which they were not kept, q_servos, human_q
-        and truth are NaN. Raises InputError where topics or fields of them are missing, or of another shape."""
+        """The whole cycles. Fields q_servos, human_q and truth are NaN in cycles without them. Raises InputError for
+        missing or misshapen topics and fields."""
         with refusing_hostile(self):
             return _cycles(self)
 
     @property
     def missing(self) -> int:
-        """Cycles that were never written."""
+        """Number of cycles that were never written."""
         return int(self.cycles.index[-1]) + 1 - len(self.cycles)
 
     @property
     def whole(self) -> bool:
-        """Whether nothing of the run is missing."""
+        """True if nothing of the run is missing."""
         return not (self.damage or self.missing)
 
     @property
     def last_tick(self) -> int:
-        """The last tick of the performance in it; -1: none."""
-        asked = self.cycles.sampled != Done.NOT
-        return int(self.cycles.tick[asked].max(initial=-1))
+        """The last recorded tick of the performance; -1: none."""
+        sampled = self.cycles.sampled != Done.NOT
+        return int(self.cycles.tick[sampled].max(initial=-1))
 
     def clip(self, rows: NDArray[np.intp], ticks: int, *, dt: float, speed: float) -> Clip:
-        """What the sensors said in some rows of the cycles, for so many ticks, `dt` s apart."""
+        """The sensors in some rows of the cycles, as a clip of `ticks` ticks, `dt` s apart."""
         valid = self.cycles.sensor_valid[rows]
         frames = SensorFrames(
             time=np.arange(len(rows), dtype=np.float64) * dt,
@@ -128,7 +125,7 @@ class Recording:
 
 @dataclass
 class _Found:
-    """While it is read. sequences, contents: of all messages of a channel. room: bytes that may still be unpacked."""
+    """State of a read. sequences, contents: of all messages of a channel. room: bytes that may still be unpacked."""
 
     metadata: dict[str, str] | None = None
     attachments: dict[str, bytes] = field(default_factory=dict)
@@ -141,9 +138,9 @@ class _Found:
 
 
 def read_recording(path: Path) -> Recording:
-    """Read a recording. What stands before a damage is read, and `damage` names the damage.
+    """Read a recording up to its end or its first damage, which `damage` names.
 
-    Raises UsageError without the library, InputError: no file, no MCAP file, none of ours, another format, no cycles.
+    Raises UsageError without the library, and InputError for any other file, another format, or no cycles.
     """
     require_mcap(str(path))
     where = str(path)[:200]
@@ -166,7 +163,7 @@ def read_recording(path: Path) -> Recording:
 
 
 def _read(stream: IO[bytes], found: _Found) -> str:
-    """Read record by record. Returns how it ended early."""
+    """Read record by record. Returns the reason of an early end."""
     import zstandard
     from mcap.exceptions import EndOfFile, McapError
     from mcap.records import Attachment, Chunk, Metadata
@@ -192,8 +189,8 @@ def _read(stream: IO[bytes], found: _Found) -> str:
 
 
 def _take_chunk(chunk: Any, found: _Found) -> None:
-    """Keep the channels and messages of a chunk. Raises ValueError or struct.error for a record that none of ours has;
-    no length is believed before it was compared with what there is."""
+    """Keep the channels and messages of a chunk. Raises ValueError or struct.error for foreign records. Every length is
+    compared with the data before use."""
     from mcap.data_stream import ReadDataStream
     from mcap.records import Channel
 
@@ -218,15 +215,15 @@ def _take_chunk(chunk: Any, found: _Found) -> None:
             if "layout" in found.channels[number].metadata:
                 found.sequences[number].append(sequence)
                 found.contents[number] += content
-            else:  # of the log, the first text of each cycle and who said it
-                who, text = _log_of(content)
-                found.texts.setdefault((sequence, who), text)
+            else:  # the log, of which the first text of each cycle and source is kept
+                source, text = _log_of(content)
+                found.texts.setdefault((sequence, source), text)
         elif opcode != SCHEMA:
             raise ValueError(f"an unknown record of type {opcode}")
 
 
 def _unpacked(chunk: Any) -> bytes:
-    """What is in a chunk, never more than it says. Raises ValueError or ZstdError."""
+    """The content of a chunk, at most of its stated size. Raises ValueError or ZstdError."""
     import zstandard
 
     data: bytes = chunk.data
@@ -266,7 +263,7 @@ def _session(metadata: dict[str, str] | None, where: str, damage: str) -> Sessio
 
 
 def _written_by(session: str) -> str:
-    """The version of retarget that wrote the session's JSON, in words; "" where it has none."""
+    """The version that wrote the session's JSON, in words, or ""."""
     try:
         version = json.loads(session)["version"]
     except (ValueError, TypeError, KeyError, RecursionError):
@@ -275,7 +272,6 @@ def _written_by(session: str) -> str:
 
 
 def _topics(found: _Found, where: str) -> list[tuple[str, TopicRows]]:
-    """All topics that have a layout."""
     made = []
     for number, channel in found.channels.items():
         if "layout" not in channel.metadata:
@@ -292,7 +288,7 @@ def _topics(found: _Found, where: str) -> list[tuple[str, TopicRows]]:
 
 
 def _log_of(data: bytes) -> tuple[str, str]:
-    """Name and text of an rcl_interfaces/msg/Log in CDR; empty where it is damaged."""
+    """Name and text of an rcl_interfaces/msg/Log in CDR; empty if damaged."""
     try:
         at, values = 16, []
         for _ in range(2):
@@ -305,15 +301,13 @@ def _log_of(data: bytes) -> tuple[str, str]:
     return values[0], values[1]
 
 
-# A recording as the cycles that it was made of, in their order, for replay.
-
 MOST_CYCLES = 50_000_000
 """Four days at 125 Hz."""
 
 
 @contextmanager
 def refusing_hostile(recording: Recording) -> Iterator[None]:
-    """Raise InputError where the content of a recording is none that we write."""
+    """Raise InputError for forged content of a recording."""
     try:
         yield
     except HOSTILE as error:
@@ -322,8 +316,7 @@ def refusing_hostile(recording: Recording) -> Iterator[None]:
 
 
 def postures_sent(found: Recording, robot: RobotBody, rows: NDArray[np.intp]) -> FloatArray:
-    """Read the postures (k, nq), m, wxyz and rad, that were sent in some rows of the cycles. Raises InputError where
-    the body is another one."""
+    """The postures (k, nq), m, wxyz and rad, sent in some rows of the cycles. Raises InputError for another body."""
     cycles, body = found.cycles[rows], robot.body
     servos, recorded = len(robot.servo_columns), (cycles.q_servos.shape[1], cycles.q_rest.shape[1])
     if recorded != (servos, body.nq - servos):
@@ -354,11 +347,11 @@ def _cycles(recording: Recording) -> RunTable:
         if cycles.known[own].size and (own not in STAGES or name in (rows.dtype.names or ())):
             cycles.known[own][:] = rows[name]
     _take_sensors(cycles, sensors, rows["sensor_oriented"])
-    asked = cycles.sampled != Done.NOT
-    first = np.flatnonzero(asked & (cycles.tick == 0))
-    if not asked[0] or cycles.tick[0] != 0 or (cycles.sampled[first] != Done.WELL).any():
+    sampled = cycles.sampled != Done.NOT
+    first = np.flatnonzero(sampled & (cycles.tick == 0))
+    if not sampled[0] or cycles.tick[0] != 0 or (cycles.sampled[first] != Done.WELL).any():
         raise ValueError("no valid sensors in its first tick")
-    if cycles.tick[asked].max() >= session.ticks:
+    if cycles.tick[sampled].max() >= session.ticks:
         raise ValueError("more ticks than its session has")
     cycles.q_servos[:], cycles.human_q[:], cycles.truth[:] = np.nan, np.nan, np.nan
     for topic in {SERVOS, GOALS, HUMAN_POSTURE, TRUTH, IMU, CONTACT, STICK} & set(recording.topics):

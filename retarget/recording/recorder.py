@@ -1,4 +1,4 @@
-"""`retarget run --record`: records a run while it goes on. The tick copies, a thread of its own writes."""
+"""`retarget run --record`: records a run in progress. The tick copies rows, and a thread writes them."""
 
 import sys
 from collections import deque
@@ -14,12 +14,12 @@ from hardware.guard_state import Stop, StopCause
 from retarget.frames import SensorSample
 from retarget.human.reconstruction import Reconstructor
 from retarget.model.human_dimensions import POINTS
-from retarget.recording.cycles import STATES_OF_RUN, Asked, Done
+from retarget.recording.cycles import STATES_OF_RUN, Done, InputFlag
 from retarget.recording.mcap_writer import (
     MOST_EVENTS,
     OPTION,
-    Event,
-    Level,
+    LogEvent,
+    LogLevel,
     RecordingFile,
     Ring,
     WritingThread,
@@ -27,7 +27,7 @@ from retarget.recording.mcap_writer import (
 )
 from retarget.recording.session import config_files, session_of
 from retarget.recording.topics import SERVO_FIELDS, Topic, topics
-from retarget.run.loop import Observer, Tick
+from retarget.run.loop import RunObserver, Tick
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.record import Record, keep_imu
@@ -38,47 +38,44 @@ from retarget.schema.files import refuse_existing, remove
 from retarget.types import FloatArray, Notify, RunState
 
 COPIED = ("phase", "gated", "no_command", "cost", *STAGES, "human_q", "human_joints")
-"""The fields that a recording has as the record of the run has them."""
+"""Fields that are copied from the record of the run."""
 MODES = ("human_observer_modes", "observer_modes")
-"""Those that may be wider in the one than in the other."""
+"""Fields whose widths may differ between record and recording."""
 SWITCH_S = 1e-3
-"""Time, s, that a tick that is due may wait for the interpreter while the writing thread encodes; usually it is 5
-ms."""
+"""Longest time, s, that a due tick waits for the interpreter while the thread encodes; the default is 5 ms."""
 
 
-class CycleObserver(Observer):
-    """Fills a row of a ring in each cycle of a run: the arming of a robot is one, and so is each tick.
+class CycleObserver(RunObserver):
+    """Fills a row of a ring in each cycle of a run: the arming of a robot, and each tick.
 
-    ring: None before the run and after it: nothing is recorded. events: to be written. rows: of the record that were
-    copied.
+    ring: None outside the run. events: to be written. rows: number of copied record rows.
     """
 
     def __init__(self, truth: Callable[[], FloatArray | None], warn: Callable[[], object]) -> None:
-        """truth: gives the numbers (t,) of `truth_names` of a simulated body; None: not known. warn: called in every
-        tick."""
+        """truth: returns the numbers (t,) of `truth_names` of a simulated body, or None. warn: called in every tick."""
         self._truth, self._warn = truth, warn
         self.ring: Ring | None = None
-        self.events: deque[Event] = deque(maxlen=MOST_EVENTS)
+        self.events: deque[LogEvent] = deque(maxlen=MOST_EVENTS)
         self.rows = 0
         self._now = 0.0  # [s] of the present cycle
         self._machine: Machine | None = None
         self._logged: tuple[Stop | None, Torque, RunState] = (None, Torque.OFF, RunState.IDLE)
 
     def begin(self, ring: Ring, machine: Machine | None, *, now: float) -> None:
-        """Record every cycle from now on. machine: None: of a human alone."""
+        """Record every cycle from now on. machine: None for a human alone."""
         ring.rows.landmarks_asked[:] = np.nan
         self.ring, self._machine, self._now = ring, machine, now
 
     def end(self) -> None:
-        """The run has ended."""
+        """End the recording of cycles."""
         if self._machine is not None:
-            self._say_changes(self._machine)
+            self._log_changes(self._machine)
         self.ring = None
 
-    def say(self, who: str, text: str, level: Level = Level.INFO) -> None:
+    def log(self, source: str, text: str, level: LogLevel = LogLevel.INFO) -> None:
         """Log an event of this cycle."""
         if self.ring is not None:
-            self.events.append(Event(self._now, self.ring.index, level, who, text))
+            self.events.append(LogEvent(self._now, self.ring.index, level, source, text))
 
     def armed(self, given: TickInput, goal: CheckedGoal) -> None:
         """Fill the row of the arming."""
@@ -97,17 +94,17 @@ class CycleObserver(Observer):
         # The input.
         self._now = rows.time[at] = given.now
         rows.clock[at, :2], rows.readings[at] = given.now, 2
-        asked = {
-            Asked.STOP: operator.stop is not None,
-            Asked.TORQUE_OFF: operator.torque_off,
-            Asked.OVER: performer.over,
-            Asked.PAUSED: performer.paused,
-            Asked.APPROACH: performer.may_go_on and performer.tick is None,
-            Asked.OUTSIDE: operator.fault is not None,
+        flags = {
+            InputFlag.STOP: operator.stop is not None,
+            InputFlag.TORQUE_OFF: operator.torque_off,
+            InputFlag.OVER: performer.over,
+            InputFlag.PAUSED: performer.paused,
+            InputFlag.APPROACH: performer.may_go_on and performer.tick is None,
+            InputFlag.OUTSIDE: operator.fault is not None,
         }
-        rows.asked[at] = sum(flag for flag, is_so in asked.items() if is_so)
+        rows.asked[at] = sum(flag for flag, is_so in flags.items() if is_so)
         if (stick := operator.velocity) is not None:
-            rows.velocity_asked[at] = stick.forward, stick.left, 0.0, 0.0, 0.0, stick.turn
+            rows.velocity_command[at] = stick.forward, stick.left, 0.0, 0.0, 0.0, stick.turn
         if servos is not None:
             rows.read[at] = Done.WELL
             rows.bus_time[at], rows.retries[at], rows.error_rate[at] = servos.time, servos.retries, servos.error_rate
@@ -117,7 +114,7 @@ class CycleObserver(Observer):
         if performer.tick is not None:
             rows.tick[at] = performer.tick
             _keep_sample(rows, at, performer.sample)
-        self._say_failures(rows, at, given)
+        self._log_failures(rows, at, given)
         # The goal that was given to the bus, the row of the record, and where the run is.
         if goal is not None and machine is not None:
             rows.goal_ticks[at] = machine.guard.ticks_of(goal)
@@ -126,31 +123,31 @@ class CycleObserver(Observer):
             self._keep_row(rows, at, tick.record, tick.row)
         if machine is not None:
             rows.state[at] = STATES_OF_RUN[machine.supervisor.state]
-            self._say_changes(machine)
+            self._log_changes(machine)
         ring.turn()
 
-    def _say_failures(self, rows: RunTable, at: int, given: TickInput) -> None:
+    def _log_failures(self, rows: RunTable, at: int, given: TickInput) -> None:
         for failure in given.failures:
-            who = failure.cause.value
+            source = failure.cause.value
             if given.servos is None and failure.cause is not StopCause.SOURCE:
-                who, rows.read[at] = "bus read", Done.FAILED
+                source, rows.read[at] = "bus read", Done.FAILED
             elif failure.cause is StopCause.BUS:
-                who = "bus write"
-            self.say(who, failure.reason, Level.ERROR)
+                source = "bus write"
+            self.log(source, failure.reason, LogLevel.ERROR)
         if given.operator.fault is not None:
             cause, reason = given.operator.fault
-            self.say("outside", f"{cause.value}: {reason}", Level.ERROR)
+            self.log("outside", f"{cause.value}: {reason}", LogLevel.ERROR)
 
-    def _say_changes(self, machine: Machine) -> None:
-        """Log the stop, the torque and the state of the run where they are new."""
+    def _log_changes(self, machine: Machine) -> None:
+        """Log a new stop, torque or state of the run."""
         stop, torque, state = machine.guard.stop, machine.guard.torque, machine.supervisor.state
         if stop is not None and stop is not self._logged[0]:
-            self.say("guard", f"{stop.cause.value}: {stop.reason}", Level.ERROR)
+            self.log("guard", f"{stop.cause.value}: {stop.reason}", LogLevel.ERROR)
         if torque is not self._logged[1]:
-            self.say("bus", f"torque {torque.value}")
+            self.log("bus", f"torque {torque.value}")
         if state is not self._logged[2]:
             held = f": {machine.supervisor.hold_reason}" if state is RunState.HOLD else ""
-            self.say("run", state.value + held)
+            self.log("run", state.value + held)
         self._logged = (stop, torque, state)
 
     def _keep_row(self, rows: RunTable, at: int, record: Record, row: int) -> None:
@@ -183,10 +180,10 @@ def _keep_sample(rows: RunTable, at: int, sample: SensorSample | None) -> None:
 
 
 class Recorder:
-    """Records one run. path: None: nothing is recorded.
+    """Records one run. path: None for no recording.
 
-    clock: of the run; where its time is not real, the run may wait for the disk, else what comes while the disk hangs
-    is counted and missing. notify: called with what became of the recording. observer: to be given to the run.
+    clock: of the run; a run on a virtual clock waits for the disk, others count missing rows. notify: receives failures
+    of the recording. observer: to be given to the run.
     """
 
     def __init__(
@@ -199,9 +196,9 @@ class Recorder:
         overwrite: bool = False,
         truth: Callable[[], FloatArray | None] = lambda: None,
     ) -> None:
-        """Raises UsageError for a place at which no recording can be, or where something is, or without the library.
+        """overwrite: an existing file is removed when the recording begins. truth: numbers of a simulated body.
 
-        overwrite: what is there is removed as the recording begins. truth: numbers of a simulated body.
+        Raises UsageError for an unusable or occupied place, or without the library.
         """
         if path is not None:
             check_target(path)
@@ -216,7 +213,7 @@ class Recorder:
 
     @property
     def failure(self) -> str:
-        """Why the recording is not whole; "" while it is."""
+        """Reason why the recording is not whole, or ""."""
         if self._thread is None:
             return ""
         lost = self._ring.lost
@@ -225,26 +222,25 @@ class Recorder:
 
     @property
     def cpu_s(self) -> float:
-        """CPU time of the thread that writes, s."""
+        """CPU time of the writing thread, s."""
         return 0.0 if self._thread is None else self._thread.cpu_s
 
     def recorded_notify(self, notify: Notify) -> Notify:
-        """A `notify` that also records each message, to be used instead."""
+        """A `notify` that also records each message."""
 
         def record_and_notify(text: str) -> None:
-            self.observer.say("run", text)
+            self.observer.log("run", text)
             notify(text)
 
         return record_and_notify
 
     def code(self, code: int) -> int:
-        """The exit code of a run that ended with `code`: a recording that is not whole is a file not written."""
+        """The exit code of a run that ended with `code`: 1 at least if the recording is not whole."""
         return max(code, 1) if self.failure else code
 
     @contextmanager
     def recording(self, prepared: Prepared, *, source: str) -> Iterator[Prepared]:
-        """Record while the context lasts what `observer` is shown of it. Raises UsageError if the file cannot be
-        begun."""
+        """Record the cycles that `observer` sees in the context. Raises UsageError if the file cannot be made."""
         if self._path is None:
             yield prepared
             return
@@ -280,7 +276,7 @@ class Recorder:
                 self._warn_of_failure()
 
     def _warn_of_failure(self) -> None:
-        """Once while the run goes on; when it has ended, only what is new by then."""
+        """Report a failure once during the run, and a new one after it."""
         if self._warned:
             return
         self._warned = self.failure
@@ -289,7 +285,7 @@ class Recorder:
 
 
 def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Widths, list[Topic]]:
-    """How wide a cycle is, and the topics."""
+    """The widths of a cycle, and the topics."""
     robot, observers = None if prepared.machine is None else prepared.machine.robot, prepared.observers
     own = prepared.reconstructor.observers if isinstance(prepared.reconstructor, Reconstructor) else None
     names: dict[str, tuple[str, ...]] = {"sensors": tuple(prepared.performer.sensors), "joints": POINTS}

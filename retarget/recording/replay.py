@@ -1,4 +1,4 @@
-"""Replay: the recorded inputs through the pipeline of now, and how its goals differ."""
+"""Replay: runs the recorded inputs through the present pipeline, and compares the goals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,12 +18,12 @@ from retarget.frames import SampleTimes, SensorSample
 from retarget.human.samples import MAX_KEPT, Clip, Performance, PerformerInput
 from retarget.model.robot import RobotBody
 from retarget.recording.configs import Configs, as_recorded
-from retarget.recording.cycles import Asked, Done, now_of
+from retarget.recording.cycles import Done, InputFlag, now_of
 from retarget.recording.reading import Recording
 from retarget.recording.session import Session, machine_name
 from retarget.recording.topics import SERVO_FIELDS
 from retarget.robot.walking.pattern import Request
-from retarget.run.loop import Observer
+from retarget.run.loop import RunObserver
 from retarget.run.prepare import prepare_for
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import AT_RISK, OperatorInput
@@ -32,13 +32,11 @@ from retarget.run.tick import Failure, TickInput
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray, IntArray, Notify, RunState
 
-# The performer of a recording, and the inputs of its ticks.
-
 
 class RecordedSamples:
-    """`retarget.human.samples.Samples` of a recording. A tick that is missing has the sample of the one before it.
+    """`retarget.human.samples.Samples` of a recording. A missing tick repeats the sample before it.
 
-    rows (T,): of the cycles, in which the ticks were followed.
+    rows (T,): cycle of each tick of following.
     """
 
     over: ClassVar[bool] = False
@@ -55,14 +53,14 @@ class RecordedSamples:
         self.rows = np.maximum.accumulate(rows)
 
     def may_approach(self) -> bool:
-        """Always: `RecordedInputs` says where the approach was held."""
+        """Always true, because `RecordedInputs` holds the approach."""
         return True
 
     def poll(self) -> None:
-        """Do nothing: all samples are there from the start."""
+        """Do nothing, because all samples are present."""
 
     def hold(self) -> None:
-        """Do nothing: the recording has the samples that followed."""
+        """Do nothing, because the recording has the next samples."""
 
     def sample(self, tick: int) -> SensorSample | None:
         """The sensors at a tick; None: the robot held."""
@@ -78,13 +76,12 @@ class RecordedSamples:
 
 
 class RecordedInputs:
-    """`retarget.run.loop.Inputs` of the ticks of a recording. It is also the `hardware.bus.ServoBus` of the replay.
+    """`retarget.run.loop.Inputs` of the ticks of a recording, and the `hardware.bus.ServoBus` of the replay.
 
-    Servos are as far from their goals as they were: where the same goals are sent, they are where they were, to the
-    tick. Where a cycle is missing, servos and performer are as in the one before it. The approach may last longer or
-    shorter than it did: following begins in both with the same cycle. The run ends after the last cycle. clock: shows
-    the time of the present tick. sent: the goals (n,), ticks, each with the row of its cycle, or -1 where that was not
-    recorded.
+    Servos keep the recorded distance from their goals, so equal goals give equal servo positions, to the tick. A
+    missing cycle repeats servos and performer of the one before it. The approach may differ in length, but following
+    begins with the same cycle in both. The run ends after the last cycle. clock: time of the present tick. sent: the
+    goals (n,), ticks, with the row of their cycle, -1 if it was not recorded.
     """
 
     late_ticks = 0
@@ -101,13 +98,13 @@ class RecordedInputs:
         self._first = int(following[0]) if following.size else self._last + 1  # cycle in which following begins
         self._cycle, self._row = -1, 0  # recorded cycle that is replayed, and its row, or the last before it
         self._follows = False
-        self._clock_lead = 0.0  # [s] by which the recorded clock is ahead, where cycles are skipped or repeated
+        self._clock_offset = 0.0  # [s] by which the recorded clock is ahead, where cycles are skipped or repeated
 
     def open(self) -> None:
-        """Do nothing: there is nothing to open."""
+        """Do nothing."""
 
     def read(self) -> ServoStates:
-        """What the servos reported in the next cycle, while the robot is armed."""
+        """The servo states of the next cycle, while the robot is armed."""
         self._go_on(follows=False)
         return self._servos()
 
@@ -118,16 +115,16 @@ class RecordedInputs:
             raise BusError(self._text("bus write"))
 
     def limit_drive(self, share: float) -> None:
-        """Do nothing: there is no drive to limit."""
+        """Do nothing, because there is no drive."""
 
     def torque(self, on: bool) -> None:
-        """Do nothing: there is no torque to switch."""
+        """Do nothing, because there is no torque."""
 
     def close(self) -> None:
-        """Do nothing: there is nothing to close."""
+        """Do nothing."""
 
     def restart(self) -> None:
-        """Do nothing: the recording says when each tick was."""
+        """Do nothing, because the recording has the times of ticks."""
 
     def gather(self, tick: int, run_state: RunState, *, approached: bool) -> TickInput:
         """The input of the next cycle, see `Inputs.gather`."""
@@ -146,7 +143,7 @@ class RecordedInputs:
         )
 
     def _go_on(self, *, follows: bool) -> None:
-        """Go on to the next cycle. follows: whether the robot follows from now on."""
+        """Go to the next cycle. follows: true if the robot follows from now on."""
         cycles, before = self._cycles, self._row
         self._cycle += 1
         if not self._follows and self._first <= self._last:
@@ -154,18 +151,18 @@ class RecordedInputs:
             self._follows = follows
         self._row = max(int(np.searchsorted(cycles.index, self._cycle, side="right")) - 1, 0)
         if self._cycle > 0 and cycles.index[self._row] - cycles.index[before] != 1:
-            self._clock_lead += float(self._now[self._row] - self._now[before]) - self._samples.dt
-        self.clock.sleep_until(float(self._now[self._row]) - self._clock_lead)
+            self._clock_offset += float(self._now[self._row] - self._now[before]) - self._samples.dt
+        self.clock.sleep_until(float(self._now[self._row]) - self._clock_offset)
 
     @property
     def _is_recorded(self) -> bool:
         return int(self._cycles.index[self._row]) == self._cycle
 
-    def _asked(self, asked: Asked) -> bool:
-        return bool(int(self._cycles.asked[self._row]) & asked)
+    def _is_set(self, flag: InputFlag) -> bool:
+        return bool(int(self._cycles.asked[self._row]) & flag)
 
-    def _text(self, who: str) -> str:
-        return self._texts.get((self._cycle, who), "as recorded")
+    def _text(self, source: str) -> str:
+        return self._texts.get((self._cycle, source), "as recorded")
 
     def _servos(self) -> ServoStates:
         cycles, row = self._cycles, self._row
@@ -173,56 +170,52 @@ class RecordedInputs:
         moved = np.zeros_like(states["position"])  # beside where the servos were
         if self.sent and self._last_goal[row] >= 0:
             moved = self.sent[-1][1] - cycles.goal_ticks[self._last_goal[row]]
-        time = float(cycles.bus_time[row]) - self._clock_lead
+        time = float(cycles.bus_time[row]) - self._clock_offset
         retries, error_rate = int(cycles.retries[row]), float(cycles.error_rate[row])
         states["position"] += moved
         imu = None if moved.any() else imu_of(cycles, row)  # of another posture it says nothing
         if imu is not None:
-            imu = replace(imu, time=imu.time - self._clock_lead)
+            imu = replace(imu, time=imu.time - self._clock_offset)
         return ServoStates(**states, time=time, retries=retries, error_rate=error_rate, imu=imu)
 
     def _operator(self) -> OperatorInput:
         velocity = self._velocity()
         if not self._is_recorded:
             return OperatorInput(torque_off=self._cycle > self._last, velocity=velocity)
-        stop = "stopped, as recorded" if self._asked(Asked.STOP) else None
+        stop = "stopped, as recorded" if self._is_set(InputFlag.STOP) else None
         fault = None
-        if self._asked(Asked.OUTSIDE):
+        if self._is_set(InputFlag.OUTSIDE):
             name, _, reason = self._text("outside").partition(": ")
             causes = [cause for cause in StopCause if cause.value == name]
             fault = causes[0] if causes else StopCause.REQUESTED, reason or "as recorded"
-        return OperatorInput(stop, self._asked(Asked.TORQUE_OFF), fault, velocity)
+        return OperatorInput(stop, self._is_set(InputFlag.TORQUE_OFF), fault, velocity)
 
     def _velocity(self) -> Request | None:
-        """The velocity that a stick asked for; None: there was none. What is no number asks to stand."""
-        forward, left, _, _, _, turn = self._cycles.velocity_asked[self._row].tolist()
+        forward, left, _, _, _, turn = self._cycles.velocity_command[self._row].tolist()
         if isnan(forward):
             return None
         return Request(forward, left, turn) if isfinite(forward + left + turn) else Request()
 
     def _performer(self, tick: int, *, approached: bool) -> PerformerInput:
         samples = self._samples
-        if self._asked(Asked.OVER) or tick >= samples.ticks or self._cycle > self._last:
+        if self._is_set(InputFlag.OVER) or tick >= samples.ticks or self._cycle > self._last:
             return PerformerInput(over=True)
-        paused, words = self._asked(Asked.PAUSED), "as recorded"
+        paused, words = self._is_set(InputFlag.PAUSED), "as recorded"
         if not approached:
-            return PerformerInput(may_go_on=self._asked(Asked.APPROACH), hold_reason=words, paused=paused)
+            return PerformerInput(may_go_on=self._is_set(InputFlag.APPROACH), hold_reason=words, paused=paused)
         cycles, row, sample = self._cycles, samples.rows[tick], samples.sample(tick)
         if sample is not None:
             stamps = (cycles.time_captured[row], cycles.time_arrived[row], cycles.time_shown[row])
-            sample = replace(sample, times=SampleTimes(*(float(stamp) - self._clock_lead for stamp in stamps)))
+            sample = replace(sample, times=SampleTimes(*(float(stamp) - self._clock_offset for stamp in stamps)))
         return PerformerInput(tick, sample, sample is not None, words, paused)
-
-
-# How a run that was replayed differs from what was recorded: in how many goals, from which tick, by how much.
 
 
 @dataclass(frozen=True)
 class Difference:
-    """compared: goals (of a human alone: postures) that were recorded. differ: of those, other ones now. first: cycle
-    of the first, and time_s since the recording began; None: none. most: by how much at most, in `unit`, and where.
-    absent: recorded and not sent now; extra: sent now and not recorded. whole: the recording holds all of its run.
-    machine: on which it was recorded, if that is another one than this."""
+    """Difference of a replay from its recording. compared: recorded goals (postures of a human alone). differ: those
+    that are different now. first, time_s: cycle and time of the first of these, or None. most, where: largest
+    difference, in `unit`. absent: recorded and not sent now; extra: sent now and not recorded. whole: the recording is.
+    machine: that of the recording, if it is another one."""
 
     compared: int
     differ: int = 0
@@ -239,7 +232,7 @@ class Difference:
 
     @property
     def none(self) -> bool:
-        """Whether all goals are there and the same, and none is extra."""
+        """True if all goals are the same, and none is extra."""
         return not (self.differ or self.absent or self.extra)
 
     def lines(self) -> list[str]:
@@ -270,14 +263,14 @@ class Difference:
 
 
 def _other_machine(recording: Recording) -> str:
-    """The machine of a recording, if it is another one than this."""
+    """The machine of a recording, if it is another one."""
     machine = recording.session.machine
     return "" if machine == machine_name() else machine
 
 
 def goal_difference(recording: Recording, goals: Sequence[tuple[int, TickArray]], robot: RobotBody) -> Difference:
-    """Compare goals (n,), in ticks, each with the row of its cycle, -1 where that was not recorded. Goals after the end
-    of a recording that breaks off are no difference."""
+    """Compare goals (n,), ticks, each with the row of its cycle, -1 if it was not recorded. Goals after the end of a
+    damaged recording are no difference."""
     cycles, first = recording.cycles, dict(reversed(goals))  # the first goal of each row
     wrote = np.flatnonzero(cycles.written != Done.NOT)
     sent = np.array([row for row in wrote.tolist() if row in first], dtype=np.intp)
@@ -297,7 +290,7 @@ def goal_difference(recording: Recording, goals: Sequence[tuple[int, TickArray]]
 
 
 def posture_difference(recording: Recording, q: FloatArray) -> Difference:
-    """Compare postures (T, nq), m and rad, of a human alone with the recorded ones, which are in single precision."""
+    """Compare postures (T, nq), m and rad, of a human alone, in single precision as recorded."""
     kept = recording.cycles.human_q
     recorded, names = kept[np.isfinite(kept).all(axis=1)], tuple(f"q[{column}]" for column in range(q.shape[1]))
     both = min(len(recorded), len(q))
@@ -308,7 +301,7 @@ def posture_difference(recording: Recording, q: FloatArray) -> Difference:
 
 
 def _located(off: FloatArray, cycles: IntArray, names: tuple[str, ...], seconds: FloatArray) -> Difference:
-    """Where numbers (T, n) of these names are off, in cycles (T,) that began at seconds (T,) of the recording."""
+    """The difference of numbers (T, n) with these names, in cycles (T,) that began at seconds (T,) of the recording."""
     wrong = np.flatnonzero((off > 0.0).any(axis=1))
     if not wrong.size:
         return Difference(compared=len(off))
@@ -325,7 +318,7 @@ def _located(off: FloatArray, cycles: IntArray, names: tuple[str, ...], seconds:
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """result: of the run as it is now. difference: from what was recorded. changed: files and software that differ."""
+    """A replayed run. difference: from the recording. changed: files and software that differ."""
 
     result: RunResult
     difference: Difference
@@ -336,12 +329,12 @@ def replay(
     recording: Recording,
     configs: Configs | None = None,
     *,
-    observers: Sequence[Observer] = (),
+    observers: Sequence[RunObserver] = (),
     notify: Notify = lambda text: None,
 ) -> Replayed:
-    """Run it again. configs: None: those of then. notify: as of `prepare_for`.
+    """Run a recording again. configs: None for the recorded ones. notify: as in `prepare_for`.
 
-    Raises RetargetError for what cannot be run any more; InputError where robot or performer are others now.
+    Raises RetargetError for a recording that cannot run any more; InputError for another robot or performer.
     """
     if configs is None:
         with as_recorded(recording) as then:
@@ -372,11 +365,11 @@ def replay(
         difference = posture_difference(recording, result.record.human_q)
     else:
         difference = goal_difference(recording, inputs.sent, robot)
-    return Replayed(result, difference, (*what_computes(session), *configs.notes))
+    return Replayed(result, difference, (*environment_changes(session), *configs.notes))
 
 
-def what_computes(session: Session) -> tuple[str, ...]:
-    """What differs from when it was recorded: version and numpy; a sentence each."""
+def environment_changes(session: Session) -> tuple[str, ...]:
+    """Changes of version and NumPy since the recording, in words."""
     found = (
         ("by retarget", session.version, retarget.__version__),
         ("with numpy", session.numpy, np.__version__),
@@ -385,7 +378,7 @@ def what_computes(session: Session) -> tuple[str, ...]:
 
 
 def refuse_other_robot(session: Session, robot: RobotBody) -> None:
-    """Raise InputError where the robot has other servos than it had."""
+    """Raise InputError if the robot has other servos than the recorded one."""
     allowed = f"the profile of then, of {session.robot}, which is attached to the recording"
     now, where = robot.joint_map.joints, robot.profile.name
     _refuse_others("the robot has other servos", now, session.joints, where=where, allowed=allowed)

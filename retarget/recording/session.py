@@ -1,4 +1,4 @@
-"""The session of a recording: everything that replay needs to know of the run besides its cycles, strictly checked."""
+"""The session of a recording: the data of a run that replay needs besides the cycles, strictly validated."""
 
 import hashlib
 import platform
@@ -20,14 +20,14 @@ from retarget.schema.catalogue import Kind, calibration_path, find
 from retarget.schema.priorities import Legs, Steps, self_contained
 
 FORMAT: Final = 3
-"""Format of recordings; another one is refused. Format 1 is that of version 0.1.0."""
+"""Format of recordings; others are refused. Version 0.1.0 wrote format 1."""
 
 OPTIONS = (
     *("robot", "bus", "performer", "priorities", "iterations", "parts", "steps", "legs"),
     *("gate", "scene", "allow_contact", "max_force"),
 )
 OF_PHYSICS = ("mount", "hook", "seed", "perturbations")
-"""Fields of a session that are those of `RunOptions` and of `PhysicsOptions`."""
+"""Session fields taken from `RunOptions` and from `PhysicsOptions`."""
 NotNegative = Annotated[float, Field(ge=0.0)]
 
 
@@ -36,7 +36,7 @@ class _Strict(BaseModel):
 
 
 class ConfigFile(_Strict):
-    """A file that the run was made of. name: of the attachment. path: where it was."""
+    """A config file of the run. name: of the attachment. path: its original place."""
 
     name: str
     path: str
@@ -44,7 +44,7 @@ class ConfigFile(_Strict):
 
 
 class Size(_Strict):
-    """The performer's size, as `HumanDimensions` has it."""
+    """The performer's size, see `HumanDimensions`."""
 
     offset: Annotated[tuple[tuple[float, float, float], ...], Field(min_length=len(POINTS), max_length=len(POINTS))]
     stature: float
@@ -53,8 +53,8 @@ class Size(_Strict):
 
 
 class Session(_Strict):
-    """A run. version, numpy, machine: what it was computed by (see `machine_name`). Options as in `RunOptions`; ticks,
-    dt, motion_dt: of its samples; intake: hold, fade, speed, turn."""
+    """A run. version, numpy, machine: the computing environment (see `machine_name`). Options as in `RunOptions`;
+    ticks, dt, motion_dt: of its samples; intake: hold, fade, speed, turn."""
 
     format: Literal[3]
     version: str
@@ -94,12 +94,12 @@ class Session(_Strict):
 
     @property
     def options(self) -> RunOptions:
-        """What the run was asked to be."""
+        """The options of the run."""
         physics = PhysicsOptions(**{name: getattr(self, name) for name in OF_PHYSICS})
         return RunOptions(**{name: getattr(self, name) for name in OPTIONS}, physics=physics)
 
     def end_plan(self, robot: RobotBody) -> EndPlan:
-        """The end of the run as it was planned. robot: of it."""
+        """The planned end of the run."""
         if self.end is not None:
             end = End[self.end]
             return EndPlan(end, self.keyframes, "as in the recorded run" if end is End.STANDING else "")
@@ -113,7 +113,7 @@ class Session(_Strict):
 
     @property
     def intake_times(self) -> IntakeTimes:
-        """How the performer's sensors leave and come back."""
+        """Times of lost and returning sensors."""
         return IntakeTimes(*self.intake)
 
 
@@ -121,7 +121,7 @@ CPU = Path("/proc/cpuinfo")
 
 
 def machine_name() -> str:
-    """Kind of machine, with its processor where Linux names it: `x86_64 (AMD EPYC)`."""
+    """Machine type, with the processor if Linux names it: `x86_64 (AMD EPYC)`."""
     lines = CPU.read_text(encoding="utf-8", errors="replace").splitlines() if CPU.is_file() else []
     values = {key.strip().lower(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
     processor = values.get("model name") or values.get("model")
@@ -129,7 +129,7 @@ def machine_name() -> str:
 
 
 def session_of(prepared: Prepared, options: RunOptions, *, source: str, begun_ns: int) -> Session:
-    """The session of a run that can start. begun_ns: unix time."""
+    """The session of a prepared run. begun_ns: unix time."""
     size, samples, intake = prepared.human.dimensions, prepared.samples, prepared.intake
     machine = prepared.machine
     robot, end_plan = (None, EndPlan()) if machine is None else (machine.robot, machine.end_plan)
@@ -160,7 +160,7 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, begun_ns
 
 
 def config_files(options: RunOptions, robot: RobotBody | None) -> list[tuple[ConfigFile, bytes]]:
-    """The files that a run of these options is made of, with what is in them. Raises UsageError, OSError."""
+    """The config files of a run with these options, and their content. Raises UsageError, OSError."""
     found = [("performer.yaml", find(Kind.PERFORMER, options.performer_name))]
     for stage, name in zip(("human", "robot"), priority_names(robot, options), strict=False):
         found.append((f"priorities_of_the_{stage}.yaml", find(Kind.PRIORITIES, name)))
@@ -171,14 +171,13 @@ def config_files(options: RunOptions, robot: RobotBody | None) -> list[tuple[Con
         found += [("robot.yaml", robot.profile.path), (f"body{body.suffix}", body)]
         if robot.calibration is not None:
             found.append(("calibration.yaml", calibration_path(robot.profile.name)))
-    return [_config_file(name, path) for name, path in found]
+    files = []
+    for name, path in found:
+        content = config_content(name, path)
+        files.append((ConfigFile(name=name, path=str(path), sha256=hashlib.sha256(content).hexdigest()), content))
+    return files
 
 
 def config_content(name: str, path: Path) -> bytes:
-    """What a recording holds of a file, by the name of its attachment. Raises ConfigError, OSError."""
+    """The recorded content of a file. name: of its attachment. Raises ConfigError, OSError."""
     return self_contained(path) if name.startswith("priorities") else path.read_bytes()
-
-
-def _config_file(name: str, path: Path) -> tuple[ConfigFile, bytes]:
-    content = config_content(name, path)
-    return ConfigFile(name=name, path=str(path), sha256=hashlib.sha256(content).hexdigest()), content

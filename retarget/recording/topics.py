@@ -1,4 +1,4 @@
-"""The topics of a recording: the message of each, how cycles become messages, and the definitions that ROS 2 knows."""
+"""The topics of a recording, and the conversion of cycles into their messages."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -20,20 +20,20 @@ LANDMARKS, HUMAN_JOINTS, HUMAN_POSTURE, FRAMES = "/landmarks", "/human/joints", 
 EVENTS, TRUTH, IMU, CONTACT, STICK = "/events", "/truth", "/imu", "/contact", "/cmd_vel"
 WORLD, POSTURE, JOINT_STATE = "world", "retarget_msgs/msg/Posture", "sensor_msgs/msg/JointState"
 STEP = 2.0**-16
-"""Step, m or rad, to which such numbers are rounded: 15 um. Most of their bytes are then zeros."""
+"""Step, m or rad, of rounded numbers: 15 um. It makes most of their bytes 0, which compress well."""
 
 RECORDED = ("time", *(name for name, field in FIELDS.items() if field.topic))
-"""The fields that a recording has."""
+"""Fields of a recording."""
 SERVO_FIELDS = tuple(name for name, field in FIELDS.items() if field.topic == SERVOS and field.shape)
-"""The fields of each servo, as it reported them."""
+"""Reported fields of each servo."""
 Which = Callable[[RunTable], NDArray[np.bool_]]
 Values = Callable[[RunTable], dict[str, NDArray[Any]]]
 
 
 @dataclass(frozen=True, eq=False)
 class Topic:
-    """name, schema: as in the file. names: of what its arrays hold, for its metadata. which: the cycles that become
-    messages, as a mask (T,). values: of cycles (T), the fields of their messages by name, without their stamps."""
+    """A topic of the file. name, schema, names (of its columns): as in the file. which: mask (T,) of the cycles that
+    become messages. values: fields of their messages for cycles (T), without stamps."""
 
     name: str
     schema: str
@@ -43,8 +43,7 @@ class Topic:
     values: Values
 
     def messages(self, cycles: RunTable, stamp_ns: NDArray[np.int64]) -> Iterator[tuple[int, int, bytes]]:
-        """Make the messages of cycles that began at `stamp_ns` (T,): number of the cycle, stamp in ns and bytes of each
-        message."""
+        """Yield cycle number, stamp in ns and bytes of each message of cycles that began at `stamp_ns` (T,)."""
         chosen = np.flatnonzero(self.which(cycles))
         if not chosen.size:
             return
@@ -63,25 +62,30 @@ class Topic:
 
 
 def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, robot: RobotBody | None) -> list[Topic]:
-    """List every topic with cycles in it, for a robot or a human alone. named: names of the columns of a width."""
+    """The topics of a run of a robot, or of a human alone. named: column names of a width."""
     sensors = named["sensors"]
 
     def kept(topic: str) -> Which:
-        """Every tick that was kept, or so many seconds apart."""
+        """The ticks that were kept, or some of them at a fixed interval."""
         step = max(round(EVERY_S.get(topic, 0.0) / dt), 1)
         return lambda cycles: cycles.kept & (cycles.index % step == 0)
 
     def fields(topic: str, message: str, names: tuple[str, ...], which: Which, **given: Any) -> Topic:
-        """The fields of the table that name this topic."""
+        """A topic with the fields of the table that name it."""
         own = message_fields(topic)
         sizes = {key: FIELDS[field].sizes(widths)[0] for key, field in own.items() if FIELDS[field].shape}
         values = lambda cycles: {key: getattr(cycles, field) for key, field in own.items()}  # noqa: E731
         return _topic(topic, message, names, which, values, sizes | given)
 
     def points(name: str, names: tuple[str, ...], field: str) -> Topic:
-        """Points as poses that are not turned."""
+        """A topic of points, as poses without rotation."""
         values = lambda cycles: {"poses": _poses(_rounded(getattr(cycles, field)))}  # noqa: E731
         return _topic(name, "geometry_msgs/msg/PoseArray", names, kept(name), values, {"poses": len(names)})
+
+    def oriented(cycles: RunTable) -> NDArray[np.bool_]:
+        """True (T, s) for sensors with an orientation."""
+        known = ~np.isnan(cycles.sensor_orientation).any(axis=2)
+        return np.asarray(known & (cycles.sampled == Done.WELL)[:, None])
 
     alone = robot is None  # then every posture is kept: there is nothing else
     tick = fields(
@@ -96,7 +100,7 @@ def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, r
             lambda cycles: {"poses": _poses(cycles.sensor_position, _turned(cycles.sensor_orientation))},
             {"poses": len(sensors)},
         ),
-        replace(tick, values=lambda cycles: tick.values(cycles) | {"sensor_oriented": _oriented(cycles)}),
+        replace(tick, values=lambda cycles: tick.values(cycles) | {"sensor_oriented": oriented(cycles)}),
         points(HUMAN_JOINTS, named["joints"], "human_joints"),
         fields(HUMAN_POSTURE, POSTURE, (), (lambda cycles: cycles.kept) if alone else kept(HUMAN_POSTURE)),
     ]
@@ -108,62 +112,52 @@ def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, r
         fields(GOALS, JOINT_STATE, names, kept(GOALS), **of_joints),
         fields(SERVOS, "retarget_msgs/msg/Servos", names, lambda cycles: cycles.read != Done.NOT, **of_joints),
         _frames(robot, kept(FRAMES)),
-        *(_imu_topics(robot) + _contact_topics(robot, kept(CONTACT)) + [_stick_topic(robot)]),
+        *(_imu_topics(robot) + _contact_topics(robot, kept(CONTACT))),
+        _topic(
+            STICK,
+            "geometry_msgs/msg/TwistStamped",
+            (),
+            lambda cycles: ~np.isnan(cycles.velocity_command[:, 0]),
+            lambda cycles: {"twist": cycles.velocity_command},
+            {"frame_id": robot.body.body_names[1]},
+        ),
     ]
     made += [fields(TRUTH, POSTURE, named["truth"], kept(TRUTH))] if named.get("truth") else []
     return [*made, points(LANDMARKS, named["landmarks"], "landmarks_asked")]
 
 
-def _has_imu(cycles: RunTable) -> NDArray[np.bool_]:
-    """The cycles (T,) in which an IMU was read with the servos."""
-    return np.asarray((cycles.read != Done.NOT) & ~np.isnan(cycles.imu_time))
-
-
-def _stick_topic(robot: RobotBody) -> Topic:
-    """What a stick asked for, in the cycles in which one was in force."""
-    which = lambda cycles: ~np.isnan(cycles.velocity_asked[:, 0])  # noqa: E731
-    values = lambda cycles: {"twist": cycles.velocity_asked}  # noqa: E731
-    return _topic(STICK, "geometry_msgs/msg/TwistStamped", (), which, values, {"frame_id": robot.body.body_names[1]})
-
-
 def _imu_topics(robot: RobotBody) -> list[Topic]:
-    """What the IMU of a robot measured; no topic of a robot without one."""
+    """IMU measurements, if the robot has one."""
 
     def values(cycles: RunTable) -> dict[str, NDArray[Any]]:
         known = {key: getattr(cycles, field) for key, field in message_fields(IMU).items()}
         return known | {"orientation": cycles.imu_orientation[:, [1, 2, 3, 0]]}  # as ROS has it, NaN: there is none
 
     imu, message = robot.profile.imu, "retarget_msgs/msg/Imu"
-    return [] if imu is None else [_topic(IMU, message, (), _has_imu, values, {"frame_id": imu.link})]
+    which = lambda cycles: (cycles.read != Done.NOT) & ~np.isnan(cycles.imu_time)  # noqa: E731
+    return [] if imu is None else [_topic(IMU, message, (), which, values, {"frame_id": imu.link})]
 
 
 def _contact_topics(robot: RobotBody, which: Which) -> list[Topic]:
-    """The torques that inverse dynamics does not explain; no topic of a robot whose servos measure no current."""
+    """Torques that inverse dynamics does not explain, if the servos measure current."""
     names = robot.joint_map.joints
     given: dict[str, Any] = {"frame_id": "", "name": names, "effort": len(names)}
     values = lambda cycles: {"effort": cycles.unexplained}  # noqa: E731
     return [_topic(CONTACT, JOINT_STATE, names, which, values, given)] if felt_servos(robot).any() else []
 
 
-def _oriented(cycles: RunTable) -> NDArray[np.bool_]:
-    """The sensors (T, s) that have an orientation."""
-    known = ~np.isnan(cycles.sensor_orientation).any(axis=2)
-    return np.asarray(known & (cycles.sampled == Done.WELL)[:, None])
-
-
 def _rounded(values: FloatArray) -> FloatArray:
-    """To whole STEPs."""
     return np.asarray(np.rint(values / STEP) * STEP)
 
 
 def _turned(orientation: FloatArray) -> FloatArray:
-    """Quaternions (..., 4) wxyz as ROS has them, xyzw; the identity where they are not known."""
+    """Quaternions (..., 4) wxyz in ROS order xyzw; the identity if unknown."""
     unknown = np.isnan(orientation).any(axis=-1, keepdims=True)
     return np.where(unknown, [0.0, 0.0, 0.0, 1.0], orientation[..., [1, 2, 3, 0]])
 
 
 def _poses(points: FloatArray, turns: FloatArray | None = None) -> FloatArray:
-    """Poses (..., 7), of ROS: points (..., 3) m, turned by turns (..., 4) xyzw, else not turned."""
+    """ROS poses (..., 7): points (..., 3) m, with rotations (..., 4) xyzw or none."""
     turns = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (*points.shape[:-1], 4)) if turns is None else turns
     return np.concatenate([points, turns], axis=-1)
 
@@ -173,7 +167,6 @@ def _topic(name: str, message: str, names: tuple[str, ...], which: Which, values
 
 
 def _joint_states(servos: JointMap, which: Which, given: Given) -> Topic:
-    """Where the joints were, by what the servos said."""
 
     def values(cycles: RunTable) -> dict[str, NDArray[Any]]:
         position, velocity = servos.to_radians(cycles.position), servos.joint_velocity(cycles.velocity)

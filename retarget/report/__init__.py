@@ -1,1 +1,5 @@
-"""What a run says about itself: metrics, words and JSON."""
+"""Measures finished runs and robot motions: report, findings in words, and JSON.
+
+Input: a run's record or an exported motion. Output: `Report`, `Judgement` and lines of text. It imports `recording`,
+`run` and what they import.
+"""

@@ -1,6 +1,6 @@
-"""How close a body came to itself and to a scene, on the geoms of its own file: an independent look at what was sent.
+"""Clearance of a body to itself and to a scene, on the geoms of its own file, independent of the solver.
 
-Distances are MuJoCo's own between two geoms (exact, inside too), not those of its contacts, which a margin distorts.
+Distances are `mj_geomDistance` between two geoms, because those of contacts are distorted by margins.
 """
 
 from collections.abc import Callable, Iterable
@@ -22,20 +22,18 @@ from retarget.rotations import to_matrix
 from retarget.run.run_result import RunResult
 from retarget.types import MM, FloatArray, IntArray
 
-# Distances of geoms over many postures, and of obstacles, without a look at most pairs.
-
 Distances = Callable[[IntArray, IntArray], FloatArray]
-"""Signed distances (m,) of pairs (m,) in postures (m,), m; the postures come in rising order."""
+"""Signed distances (m,), m, of pairs (m,) in postures (m,), which come in rising order."""
 Bounds = Callable[[IntArray], FloatArray]
-"""What the signed distances (m, P) of all pairs in postures (m,) are never below, m."""
+"""Lower bounds (m, P), m, of the signed distances of all pairs in postures (m,)."""
 
-ROUND_OFF_M = 1e-9
-"""The distance of two balls may be below its own bound by less than this."""
+BOUND_ROUND_OFF_M = 1e-9
+"""Round-off, m, by which the distance of two balls may be below its bound."""
 
 
 @dataclass(frozen=True, eq=False)
 class Closest:
-    """smallest: m, at `row` of `pair`, numbers of posture and pair. deeper: how many postures, for each tolerance."""
+    """smallest: distance, m, of `pair` in posture `row`. deeper: number of postures beyond each tolerance."""
 
     smallest: float
     row: int
@@ -44,8 +42,7 @@ class Closest:
 
 
 class ClosestPairs:
-    """Finds the pair that comes nearest, the first where several do, over blocks of postures that come one after the
-    other. tolerances: depths, m."""
+    """Finds the nearest pair, the first of several, over successive blocks of postures. tolerances: depths, m."""
 
     def __init__(self, tolerances: tuple[float, ...]) -> None:
         self._tolerances, self._deeper = tolerances, [0] * len(tolerances)
@@ -56,8 +53,8 @@ class ClosestPairs:
         if not count:
             return
         postures = np.arange(count)
-        bound = bounds(postures) - ROUND_OFF_M
-        # First the pair of each posture that may be nearest; then all that may be nearer, or deep.
+        bound = bounds(postures) - BOUND_ROUND_OFF_M
+        # First the pair with the least bound in each posture; then all pairs that may be nearer, or deep.
         which = bound.argmin(axis=1)
         found = distances(postures, which)
         least = min(self._smallest, float(found.min()))
@@ -80,16 +77,14 @@ class ClosestPairs:
         return Closest(self._smallest, *self._at, tuple(self._deeper))
 
 
-# The geoms of a body over many postures, and MuJoCo's distance between two of them.
-
 FAR_M = 1e4
-"""Distances are known up to this, m."""
+"""Largest distance, m, that is measured."""
 
 
 @dataclass(frozen=True, eq=False)
 class MovingGeoms:
-    """g geoms of a compiled model in T postures. geoms (g,): their numbers in it; position (T, g, 3) m and matrix
-    (T, g, 9), world, rows of the rotation one after the other."""
+    """Geoms (g,) of a compiled model in T postures. geoms: their ids; position (T, g, 3) m and row-major matrix (T, g,
+    9), world."""
 
     model: Any
     geoms: IntArray
@@ -98,11 +93,11 @@ class MovingGeoms:
 
     @property
     def links(self) -> IntArray:
-        """Numbers (g,) of the links that they are on."""
+        """Ids (g,) of their links."""
         return np.asarray(self.model.geom_bodyid)[self.geoms].astype(np.int64)
 
     def bounds(self, pairs: IntArray) -> Bounds:
-        """Of pairs (P, 2) of these geoms: the distance of the balls about them, or of a ball from a plane."""
+        """Bounds of pairs (P, 2) of these geoms: the distance between bounding spheres, or of one from a plane."""
         first, second = pairs.T
         radius = np.asarray(self.model.geom_rbound)[self.geoms]
         radius = np.where(radius > 0.0, radius, np.inf)  # a plane has no end
@@ -110,16 +105,16 @@ class MovingGeoms:
 
         def bounds(rows: IntArray) -> FloatArray:
             place = self.position[rows]
-            way = place[:, first] - place[:, second]
-            apart = np.sqrt(np.einsum("rpi,rpi->rp", way, way)) - radius[second]
+            line = place[:, first] - place[:, second]
+            apart = np.sqrt(np.einsum("rpi,rpi->rp", line, line)) - radius[second]
             normal = self.matrix[rows[:, None], second[planes], 2::3]
-            apart[:, planes] = np.einsum("rpi,rpi->rp", way[:, planes], normal)
+            apart[:, planes] = np.einsum("rpi,rpi->rp", line[:, planes], normal)
             return np.asarray(apart - radius[first])
 
         return bounds
 
     def distances(self, pairs: IntArray) -> Distances:
-        """How the distances of pairs (P, 2) of these geoms are measured."""
+        """Exact distances of pairs (P, 2) of these geoms."""
         import mujoco
 
         model, data, measure = self.model, mujoco.MjData(self.model), mujoco.mj_geomDistance
@@ -142,7 +137,7 @@ class MovingGeoms:
 
 
 def moving_geoms(model: Any, postures: FloatArray) -> MovingGeoms:
-    """The geoms of a compiled body as `geoms_of_links` has them, in postures (T, nq)."""
+    """The geoms of `geoms_of_links` in postures (T, nq)."""
     import mujoco
 
     data, chosen = mujoco.MjData(model), geoms_of_links(model)
@@ -157,23 +152,21 @@ def moving_geoms(model: Any, postures: FloatArray) -> MovingGeoms:
 
 
 def geoms_of_links(model: Any) -> IntArray:
-    """Numbers (g,) of the geoms of every link of a compiled body: those that collide with something, else all."""
+    """Ids (g,) of the colliding geoms of each link, or of all its geoms if none collides."""
     owner = np.asarray(model.geom_bodyid)
     collides = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) != 0
     return np.flatnonzero((owner > 0) & (collides | ~np.isin(owner, owner[collides])))
 
 
-# Obstacles of a scene among the geoms of a body, in one MuJoCo model.
-
 LINE_M = 1e-12
-"""Radius, m, of a segment: MuJoCo has no shapes without thickness."""
+"""Radius, m, of a segment, because MuJoCo has no shapes without thickness."""
 
 
 def among_obstacles(
     model: Any, obstacles: IntArray, geoms: MovingGeoms, scene: SceneState, times: FloatArray
 ) -> MovingGeoms:
     """The k obstacles of a scene, then the geoms (g,) of a body, at times (T,) s on the clock of the scene. model,
-    obstacles: of `scene_model`."""
+    obstacles: from `scene_model`."""
     count = len(obstacles)
     position, quat = np.empty((len(times), count, 3)), np.empty((len(times), count, 4))
     for row, time in enumerate(times):
@@ -188,8 +181,8 @@ def among_obstacles(
 
 
 def scene_model(body: BodyFile, shapes: SceneShapes) -> tuple[Any, IntArray]:
-    """The model of a body with k obstacles, and the numbers (k,) of their geoms in it. They are the last ones of the
-    world, so that each geom of a link has a number higher by k than in the body's own model."""
+    """The model of a body with k obstacles, and the ids (k,) of their geoms. They are the last ones of the world, so
+    that the ids of link geoms are k higher than in the body's own model."""
     spec = body.spec.copy()
     first = int(np.count_nonzero(np.asarray(body.model.geom_bodyid) == 0))
     for code, sizes in zip(shapes.kinds, shapes.sizes, strict=True):
@@ -198,22 +191,19 @@ def scene_model(body: BodyFile, shapes: SceneShapes) -> tuple[Any, IntArray]:
     return spec.compile(), first + np.arange(len(shapes.names))
 
 
-# Which geoms of a body are compared with each other.
-
-
 def compared_pairs(
     model: Any, links: IntArray, geoms: IntArray, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()
 ) -> IntArray:
-    """Find the rows (P, 2) of `links` and `geoms` (g,) that are compared.
+    """Rows (P, 2) of `links` and `geoms` (g,) that are compared.
 
-    Not compared: geoms of one link, or of links that no joint parts; of a link and its parent; of pairs that the file
-    excludes; of `ignored` pairs of links; of pairs of links that touch in the posture `neutral` (nq,).
+    Left out are geoms of one link or of links without a joint between them, of a link and its parent, of pairs that the
+    file excludes, of `ignored` pairs of links, and of links that touch in the posture `neutral` (nq,).
     """
     never = _never_compared(model, ignored)
     pairs = np.column_stack(np.triu_indices(len(geoms), 1))
     first, second = links[pairs].T
     welded = np.asarray(model.body_weldid)[links[pairs]].T
-    # Links on a base that is fixed to the world are all welded to it, and yet may meet.
+    # Links on a fixed base are all welded to the world, and yet may meet.
     apart = (first != second) & ((welded[0] != welded[1]) | (welded[0] == 0)) & ~never[first, second]
     pairs = pairs[apart]
     first, second = links[pairs].T
@@ -223,9 +213,9 @@ def compared_pairs(
 
 
 def _never_compared(model: Any, ignored: Iterable[tuple[str, str]]) -> NDArray[np.bool_]:
-    """Pairs of links (links, links) that are left out whatever the neutral posture is."""
+    """Pairs of links (links, links) that are left out in any neutral posture."""
     weld, parent = np.asarray(model.body_weldid), np.asarray(model.body_parentid)
-    # Of links that no joint parts, all are neighbours of what the joint hangs on.
+    # Links without a joint between them are all neighbours of the parent of their joint.
     above = weld[parent[weld]]
     never = (above[:, None] == weld) & (weld[:, None] != weld) & (weld != 0)
     never[np.arange(model.nbody), parent] = True
@@ -237,7 +227,7 @@ def _never_compared(model: Any, ignored: Iterable[tuple[str, str]]) -> NDArray[n
 
 
 def _touching(model: Any, pairs: IntArray, q: FloatArray) -> NDArray[np.bool_]:
-    """Which pairs (P, 2) of geoms touch in a posture (nq,)."""
+    """True (P,) for pairs (P, 2) of geoms that touch in a posture (nq,)."""
     import mujoco
 
     data = mujoco.MjData(model)
@@ -248,17 +238,17 @@ def _touching(model: Any, pairs: IntArray, q: FloatArray) -> NDArray[np.bool_]:
 
 
 TOUCH_M = 1e-6
-"""Deeper than this, m, counts as penetration."""
+"""Depth, m, beyond which geoms penetrate."""
 DEEP_M = 1e-3
-"""Deeper than this, m, is more than a touch."""
+"""Depth, m, beyond which it is more than a touch."""
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """smallest: distance, m, negative inside; None: nothing to compare. penetrating: number of postures.
+    """smallest: distance, m, negative inside; None: nothing to compare. penetrating, deep: postures deeper than TOUCH_M
+    and DEEP_M.
 
-    pair: the two links, or the link and the obstacle, that came closest; row: in which posture. deep: how many of the
-    penetrating postures are deeper than 1 mm.
+    pair: the links, or the link and the obstacle, that came closest; row: its posture.
     """
 
     smallest: float | None
@@ -270,10 +260,8 @@ class Clearance:
 
 @dataclass(frozen=True, eq=False)
 class PlacedBody:
-    """A body in T postures (T, nq), to be looked at in more than one way. rows (T,): their numbers among those given.
-
-    Its geoms are placed for a block of postures at a time: of all of them they need 100 bytes for each geom and tick.
-    """
+    """A body in T postures (T, nq). rows (T,): their indices among those given. Geoms are placed block by block, which
+    bounds the memory."""
 
     file: BodyFile
     postures: FloatArray
@@ -286,16 +274,16 @@ class PlacedBody:
 
     @property
     def geoms(self) -> IntArray:
-        """Numbers (g,) of the geoms that are looked at."""
+        """Ids (g,) of the geoms that are compared."""
         return geoms_of_links(self.model)
 
     @property
     def links(self) -> IntArray:
-        """Numbers (g,) of the links that they are on."""
+        """Ids (g,) of their links."""
         return np.asarray(self.model.geom_bodyid)[self.geoms].astype(np.int64)
 
     def to_itself(self, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()) -> Clearance:
-        """Measure the clearance (m) of the body to itself. `compared_pairs` says which links are compared."""
+        """Clearance of the pairs of `compared_pairs`."""
         pairs = compared_pairs(self.model, self.links, self.geoms, neutral=neutral, ignored=ignored)
         if not len(self.rows) or not len(pairs):
             return Clearance(None, 0, None)
@@ -304,17 +292,17 @@ class PlacedBody:
         return self._clearance(found, (first, second))
 
     def to_scene(self, scene: SceneState, times: FloatArray) -> Clearance:
-        """Measure the clearance (m) between every geom and every obstacle of a scene but the ground, at times (T,) s on
-        its clock: one for every posture that was given."""
+        """Clearance to every obstacle of a scene but the ground, at times (T,) s on its clock, one for each given
+        posture."""
         return self._to_obstacles(scene, times, np.tile(~scene.shapes.ground, (len(self.links), 1)))
 
     def to_ground(self, scene: SceneState, times: FloatArray, *, feet: Iterable[str]) -> Clearance:
-        """Measure the clearance (m) between the ground of the scene and all links but those named in `feet`."""
+        """Clearance between the ground of the scene and all links but `feet`."""
         standing = [self.model.body(name).id for name in feet]
         return self._to_obstacles(scene, times, scene.shapes.ground & ~np.isin(self.links, standing)[:, None])
 
     def _to_obstacles(self, scene: SceneState, times: FloatArray, looks: NDArray[np.bool_]) -> Clearance:
-        """looks (g, k): which geom is compared with which obstacle."""
+        """looks (g, k): true where a geom is compared with an obstacle."""
         if not len(self.rows) or not looks.any():
             return Clearance(None, 0, None)
         pairs, names = np.argwhere(looks), scene.shapes.names
@@ -328,7 +316,7 @@ class PlacedBody:
         return self._clearance(found, (self._name(link), names[obstacle]))
 
     def _closest(self, pairs: IntArray, seen: Callable[[MovingGeoms, slice], MovingGeoms]) -> Closest:
-        """The nearest of pairs (P, 2) of what is `seen` of the body's geoms in some of the postures."""
+        """The nearest of pairs (P, 2). seen: adds obstacles to the body's geoms in some postures."""
         closest = ClosestPairs((TOUCH_M, DEEP_M))
         for rows in blocks(len(self.rows)):
             geoms = seen(moving_geoms(self.model, self.postures[rows]), rows)
@@ -340,13 +328,11 @@ class PlacedBody:
         return Clearance(found.smallest, penetrating, pair, int(self.rows[found.row]), deep)
 
     def _name(self, geom: int) -> str:
-        """Name of the geom's link."""
         return str(self.model.body(int(self.links[geom])).name)
 
 
 def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = None) -> PlacedBody:
-    """Place the body of a file, or of MJCF text that this program has made, in postures (T, nq), m, wxyz and rad; those
-    that are not finite take no part.
+    """The body of a file, or of MJCF text of this program, in the finite ones of postures (T, nq), m, wxyz and rad.
 
     root: as in `compile_body`. Raises InputError.
     """
@@ -358,21 +344,18 @@ def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = No
     return PlacedBody(file, postures if len(rows) == len(postures) else postures[rows], rows)
 
 
-# How near the last stage's body came to itself and to its scene in a run, on its own geoms.
-
 NEUTRAL = "attractor"
-"""The human's posture in which pairs that touch are left out."""
+"""The human's posture in which touching pairs are left out."""
 
 
 NOTHING = Clearance(None, 0, None)
-"""Nothing to compare."""
 
 
 def robot_clearances(
     robot: RobotBody, q: FloatArray, scene: SceneState | None, times: FloatArray
 ) -> tuple[Clearance, Clearance, Clearance]:
-    """The clearance of a robot in postures (T, nq), at times (T,) s on the clock of the scene: to itself, to the
-    obstacles of the scene, and of links without a sole to its ground."""
+    """Clearance of a robot in postures (T, nq), at times (T,) s on the clock of the scene: to itself, to obstacles, and
+    of links without a sole to the ground."""
     profile, placed = robot.profile, place_body(robot.profile.body_path, q, root=robot.profile.root)
     ignored, neutral = [entry.pair for entry in profile.ignore_pairs], robot.posture(profile.postures.neutral)
     to_itself = placed.to_itself(neutral=neutral, ignored=ignored)
@@ -383,8 +366,8 @@ def robot_clearances(
 
 
 def clearances(run: RunResult) -> dict[str, Any]:
-    """The clearance of the postures that were sent to a robot, or else of the reconstructed human, by the keys of the
-    report. Of ticks that penetrate, one that does both counts twice."""
+    """Clearance of the postures sent to the robot, or else of the reconstructed human, by the keys of the report. A
+    tick that penetrates in two of the three counts twice."""
     robot, sent, times = run.robot, run.record.robot, np.maximum(run.record.time, 0.0)
     if robot is not None and sent is not None:
         to_itself, to_scene, to_ground = robot_clearances(robot, sent.q, run.scene, times)
@@ -404,5 +387,5 @@ def clearances(run: RunResult) -> dict[str, Any]:
 
 
 def in_mm(metres: float | None) -> float | None:
-    """Metres in mm; None stays not known."""
+    """Metres in mm; None stays None."""
     return None if metres is None else MM * metres

@@ -1,4 +1,4 @@
-"""What is known of a run, in words, as terminal and page show it: the figures of `findings.yaml`."""
+"""Findings about a run in words, for terminal and page: the figures of `findings.yaml`."""
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -23,20 +23,18 @@ from retarget.schema.priorities import LimbTask
 from retarget.types import MM, RunState
 
 FOLLOWING, NOT_FOLLOWED = "following", "not followed"
-"""Names of lines that stand apart from the others."""
-MOST = 3
-"""Reasons for data that were not used that the line names, those of which there were most; and times of a posture that
-was not followed, the first ones."""
+"""Names of lines that are shown apart from the others."""
+MOST_NAMED = 3
+"""Number of reasons for unused data, and of times of a posture that was not followed, that a line names."""
 TIPS_MM, TOUCH_MM = 0.05, -1e-3
-"""Nearer to the edge of the soles than the first, a robot begins to tip; nearer to each other than the second, things
-are inside each other."""
-ROUND_OFF = 1e-4
-"""Nearer to its limit than this, rad, a joint is at it."""
+"""Margin of balance below which a robot begins to tip, and clearance below which bodies overlap."""
+NEAR_LIMIT_RAD = 1e-4
+"""Distance, rad, from its limit at which a joint is at it."""
 WALKED_M = 0.1
-"""Way of a performer, m, scaled by the leg, from which on it counts how much of it a robot walks."""
+"""Path of a performer, m, scaled by the leg, from which on the missing share of a walk counts."""
 STAYS = 0.7
-"""Feet that make a smaller share of the performer's path stay where they are: a third of a motion is seen."""
-STAGES = {"page": "from picture to page", "network": "from page to run", "goal": "from run to goals"}
+"""Share of the performer's foot path below which a robot's feet stay in place."""
+STREAM_STAGES = {"page": "from picture to page", "network": "from page to run", "goal": "from run to goals"}
 """Words for the stages of `LiveReport.latency_ms`."""
 SIDES = {"l": "left", "r": "right"}
 CLOSEST: Mapping[str, Callable[[Report], tuple[str, str] | None]] = {
@@ -44,18 +42,18 @@ CLOSEST: Mapping[str, Callable[[Report], tuple[str, str] | None]] = {
     "scene": lambda report: report.deep.obstacle,
     "ground": lambda report: report.deep.ground,
 }
-"""What came closest, by the keys of `Clearances`."""
+"""The closest pair, by the keys of `Clearances`."""
 
 
 def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
-    """Everything that is known of a run; what it has not (no feet, no scene, no bus) is left out."""
+    """Every known finding of a run."""
     return (*lines_of("run", RunFigures(run, report), planned="" if report.physics is None else ", as planned"),)
 
 
 @dataclass(frozen=True)
 class FollowingVerdict:
-    """Whether a robot follows. words: after its name. differs: what a person sees, in words. broken: it does not; None:
-    it does in part. why: what holds it back, where that is known."""
+    """The verdict on following. words: after the robot's name. differs: visible differences, in words. broken: true if
+    it does not follow, None if in part. why: the known cause."""
 
     words: str
     differs: tuple[str, ...]
@@ -64,7 +62,7 @@ class FollowingVerdict:
 
     @property
     def sentence(self) -> str:
-        """The verdict, what differs, and why."""
+        """The verdict, the differences, and the cause."""
         return (
             f"{self.words}: {', '.join(self.differs)}{f'; {self.why}' if self.why else ''}"
             if self.differs
@@ -73,23 +71,23 @@ class FollowingVerdict:
 
 
 def side_words(name: str) -> str:
-    """The name of a body part of one side, as l_hand, in words."""
+    """The name of a body part such as l_hand, in words."""
     side, part = name.split("_", 1)
     return f"{SIDES[side]} {part.replace('_', ' ')}"
 
 
 def gap_words(mm: float, pair: tuple[str, str] | None, *, inside: str = "inside each other") -> str:
-    """A distance of two things, mm, negative inside, in words."""
+    """A distance, mm, negative inside, in words."""
     gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm {inside}"
     return gap + (f" ({' and '.join(pair)})" if pair else "")
 
 
 SEEN_TILT_DEG = 1.0
-"""[degree] A sensor that stands still is wrong by less."""
+"""Error, degrees, of a sensor at rest."""
 
 
 class RunFigures:
-    """Figures of a run by the names of `findings.yaml`: keys of its report, and what is made of them."""
+    """Figures of a run by the names of `findings.yaml`: keys of its report, and those derived here."""
 
     tips_mm, touch_mm = TIPS_MM, TOUCH_MM
 
@@ -99,11 +97,11 @@ class RunFigures:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.report, name)
 
-    # Whether it follows.
+    # Following.
 
     @cached_property
     def verdict(self) -> FollowingVerdict | None:
-        """Robot and performer compared; None where no robot followed."""
+        """Comparison of robot and performer; None where no robot followed."""
         if self.robot is None or not self.run.ticks_followed:
             return None
         known = [(one, figure_of(self, one["figure"])) for one in table("differences")]
@@ -115,7 +113,7 @@ class RunFigures:
         return FollowingVerdict("follows", (), False)
 
     def _why(self, limbs: Collection[str]) -> str:
-        """The pair for which most goals were refused, or the limit that holds back one of these limbs most often."""
+        """The pair for which most goals were refused, or the limit that restrains one of these limbs most often."""
         pair, held = self.report.refused_pair, self.report.held_back
         if pair is not None and (self.report.gated_frames or 0) > MOST_CHANGED * self.report.ticks:
             return f"most goals refused for {pair.first} - {pair.second}"
@@ -129,7 +127,7 @@ class RunFigures:
 
     @property
     def _hands_first(self) -> bool:
-        """True if a level asks for hands and not for forearms, which are then as like as the hands leave them."""
+        """True if a level has hands without forearms, whose likeness then depends on the hands."""
         levels = self.run.setup.priorities[-1].levels if self.run.setup.priorities else ()
         of = [{name for task in level.tasks if isinstance(task, LimbTask) for name in task.of} for level in levels]
         return any("l_hand" in names and "l_forearm" not in names for names in of)
@@ -141,19 +139,19 @@ class RunFigures:
 
     @property
     def tilt(self) -> ImuReport | None:
-        """What the IMU measured, where the robot tilted: a simulated one without mass stands upright."""
+        """The IMU's measurement where the robot tilted."""
         imu = self.report.imu
         return imu if imu is not None and (imu.tilt_deg > SEEN_TILT_DEG or imu.invalid) else None
 
     @property
     def limbs(self) -> dict[str, Spread | None]:
-        """Angles of limbs and trunk, degrees, against that body."""
+        """Angles of limbs and trunk, degrees, to that body."""
         reached = dict(self.report.likeness_deg or {}) | {LEAN: self.report.trunk_lean_deg}
         return self.report.likeness_recorded_deg or reached  # type: ignore[return-value]
 
     @property
     def best(self) -> dict[str, Spread]:
-        """The same at the robot's best, which is known of the reconstructed body alone."""
+        """The best such angles, which are known for the reconstructed body alone."""
         return {} if self.report.likeness_recorded_deg else self.report.best_likeness_deg or {}
 
     @property
@@ -169,12 +167,12 @@ class RunFigures:
 
     @property
     def hand_share(self) -> float | None:
-        """How far the worse hand is off."""
+        """Error of the worse hand, as a share of the arm."""
         return self._share(figure_of(self, "reachable_hands_mm.worse"), "l_hand")
 
     @property
     def squat_share(self) -> float | None:
-        """How far the pelvis is too high or low."""
+        """Error of the pelvis height, as a share of the leg."""
         return self._share(figure_of(self, "pelvis_height_mm.p95"), "pelvis")
 
     @property
@@ -184,49 +182,49 @@ class RunFigures:
 
     @property
     def path_missing(self) -> float | None:
-        """Share of the hands' path that is missing, or too much."""
+        """Missing or excess share of the hands' path."""
         ratio = self.report.hand_path_ratio
         return None if ratio is None else 1.0 - min(ratio, 1.0 / max(ratio, 1e-9))
 
     @property
     def left_behind_m(self) -> float | None:
-        """How far the performer goes from a robot whose feet are to stay."""
+        """Travel of the performer while the robot's feet stay in place."""
         left = self.report.walk is None and (self.report.foot_path_ratio or 0.0) < STAYS
         return self.report.travelled_m.performer if left else None
 
     @property
     def walk_missing(self) -> float | None:
-        """Share of the way that a robot which walks does not make; None: the performer goes nowhere."""
+        """Missing share of a walk; None if the performer goes nowhere."""
         walk = self.report.walk
         return None if walk is None or walk.asked_m < WALKED_M else 1.0 - walk.walked_m / walk.asked_m
 
     @property
     def not_turned_deg(self) -> float | None:
-        """How far the performer turns more than the robot."""
+        """Turn of the performer beyond that of the robot."""
         turn = self.report.turned_deg
         return None if turn.performer is None or turn.robot is None else turn.performer - turn.robot
 
-    # How it followed.
+    # Details of following.
 
     @property
     def not_followed(self) -> str:
-        """When the performer did what the robot cannot."""
+        """Times of postures that the robot cannot take."""
         said = []
         for what, instead in INSTEAD.items():
             known = [one for one in self.report.unfollowed or () if one.what == what]
-            times = [f"from {one.from_s:.1f} to {one.to_s:.1f} s" for one in known[:MOST]]
-            times += [counted(len(known) - MOST, "more time")] if len(known) > MOST else []
+            times = [f"from {one.from_s:.1f} to {one.to_s:.1f} s" for one in known[:MOST_NAMED]]
+            times += [counted(len(known) - MOST_NAMED, "more time")] if len(known) > MOST_NAMED else []
             said += [f"the performer {what} {', '.join(times)}: the robot {instead} instead"] if known else []
         return "; ".join(said)
 
     @property
     def held_back(self) -> str:
-        """The limbs that are held back, and by what."""
+        """The restrained limbs, and the causes."""
         return "; ".join(one.words for one in self.report.held_back)
 
     @property
     def likeness(self) -> dict[str, str]:
-        """How far the limbs and the trunk are off: as `reached`, from the body as `recorded`, and at `best`."""
+        """Mean angles of limbs and trunk: `reached`, to the body as `recorded`, and at `best`."""
         report = self.report
         angles: dict[str, Mapping[str, Spread | None]] = {
             "reached": dict(report.likeness_deg or {}, trunk_lean=report.trunk_lean_deg),
@@ -240,7 +238,7 @@ class RunFigures:
 
     @property
     def hands(self) -> str:
-        """How far each hand is off where it gets to the performer's."""
+        """Error of each hand where its target is within reach."""
         off, shares = self.report.reachable_hands_mm or {}, self.report.reachable_share or {}
         return "; ".join(
             f"{side_words(name)} {off[name]:.1f} mm off where it gets there ({share:.0%} of ticks)"
@@ -252,30 +250,30 @@ class RunFigures:
 
     @property
     def latency(self) -> str:
-        """As `latency_line`, of a robot."""
+        """`latency_line` of a robot."""
         return "" if self.robot is None else latency_line(self.report)
 
     @property
     def stream(self) -> str:
-        """As `stream_line`."""
+        """`stream_line` of the run."""
         return stream_line(self.report.live)
 
     @property
     def strategies_taken(self) -> str:
-        """The share of time with each strategy; "" of a robot that chooses none."""
+        """Share of time with each strategy; "" without any."""
         taken = self.report.strategies or {}
         return ", ".join(f"{name} {seconds / max(sum(taken.values()), 1e-9):.0%}" for name, seconds in taken.items())
 
     @property
     def stays(self) -> str:
-        """Not empty where the feet stay planted while the performer's move."""
+        """ "none" where the feet stay planted while the performer's move."""
         return "none" if self.report.foot_path_ratio == 0.0 else ""
 
     # Joints and servos.
 
     @property
     def servos(self) -> dict[str, Any] | None:
-        """How far the servos were behind their goals, degrees, and the joint that was farthest."""
+        """Errors of servos to their goals, degrees, and the joint with the largest."""
         servos, robot = self.report.servo_error_deg, self.robot
         if not servos or robot is None:
             return None
@@ -286,7 +284,7 @@ class RunFigures:
 
     @property
     def stopped_by_servos(self) -> bool:
-        """True if the guard stopped the robot because a servo was too far behind."""
+        """True if the guard stopped the robot for a following error."""
         return self.run.stop is not None and self.run.stop.cause is StopCause.FOLLOWING_ERROR
 
     @cached_property
@@ -296,11 +294,11 @@ class RunFigures:
 
     @property
     def room(self) -> str:
-        """The joint that came nearest to a limit of its position."""
+        """The joint that came nearest to a position limit."""
         if self.use.room is None:
             return "no limit came near"
         joint, room = self.use.room
-        if abs(room) <= ROUND_OFF:
+        if abs(room) <= NEAR_LIMIT_RAD:
             return f"{joint} reached its limit"
         return f"nearest: {joint}, {abs(np.rad2deg(room)):.2f}° {'from' if room > 0.0 else 'beyond'} its limit"
 
@@ -308,19 +306,19 @@ class RunFigures:
 
     @property
     def com_beyond_mm(self) -> float | None:
-        """How far the centre of mass was outside; None where it was not, or is not known."""
+        """Distance of the centre of mass outside the support; None inside."""
         margin = self.report.com_margin_mm
         return None if margin is None or margin > 0.0 else -margin
 
     @property
     def gaps(self) -> dict[str, str]:
-        """The least distances, and between what they were."""
+        """The least distances and their pairs, in words."""
         known = {kind: mm for kind, mm in vars(self.report.min_clearance_mm).items() if mm is not None}
         return {kind: gap_words(mm, CLOSEST[kind](self.report)) for kind, mm in known.items()}
 
     @property
     def refused(self) -> str:
-        """The pair for which the gate refused goals most often, and what to do."""
+        """The pair for which the gate refused goals most often, and the next step."""
         pair = self.report.refused_pair
         if pair is None or not self.report.gated_frames:
             return ""
@@ -331,7 +329,7 @@ class RunFigures:
 
     @property
     def stands(self) -> str:
-        """Whether it fell, and what was done to it."""
+        """A fall, the mount, and the perturbations."""
         seen = self.report.physics
         if seen is None:
             return ""
@@ -354,7 +352,7 @@ class RunFigures:
 
     @property
     def contacts(self) -> str:
-        """What a simulated body touched."""
+        """Contacts of a simulated body."""
         seen = self.report.physics
         if seen is None:
             return ""
@@ -371,7 +369,7 @@ class RunFigures:
 
     @property
     def cost(self) -> str:
-        """What a tick took."""
+        """CPU time of a tick by stage."""
         costs = {"human": self.report.reconstruct_us, "robot": self.report.retarget_us}
         ran = {stage: cost for stage, cost in costs.items() if cost and math.isfinite(cost.p50)}
         return ", ".join(f"{stage} {cost.p50:.0f} us (p99 {cost.p99:.0f})" for stage, cost in ran.items())
@@ -388,12 +386,12 @@ class RunFigures:
 
     @property
     def ended_early(self) -> bool:
-        """True if something other than a person ended the run before its end."""
+        """True if something other than the operator ended the run."""
         stop = self.run.stop
         by_person = self.robot is None or (stop is not None and stop.cause is StopCause.REQUESTED)
         return self.report.stop.reason is not None and not by_person
 
-    # What only the sentence says.
+    # Figures of the sentence alone.
 
     @property
     def sensors_off_mm(self) -> float | None:
@@ -403,12 +401,12 @@ class RunFigures:
 
     @property
     def unsensed_off_mm(self) -> float | None:
-        """Mean error of a reconstructed performer's joints that no sensor is on."""
+        """Mean error of a reconstructed performer's joints without a sensor."""
         return figure_of(self, "unsensed_mm.mean") if self.robot is None else None
 
     @property
     def touching_ticks(self) -> int | None:
-        """Ticks in which something touched that should not; of a simulated body, in the simulation."""
+        """Ticks with unwanted contact, in the simulation if there is one."""
         seen = self.report.physics
         if seen is None:
             return self.report.penetrating_frames
@@ -416,13 +414,13 @@ class RunFigures:
 
     @property
     def still_stands(self) -> str:
-        """Why it still stands, with torque; "" where it does not."""
+        """Reason why it still stands with torque; "" where it does not."""
         return self.run.tally.standing if self.run.state == RunState.STANDING.value else ""
 
     @property
     def near_falling_mm(self) -> float | None:
-        """Least distance of the centre of pressure from the edge of the soles; without mass, of the centre of mass; 0
-        beyond it."""
+        """Least distance of the centre of pressure from the edge of the soles, 0 beyond it; without mass, of the centre
+        of mass."""
         seen, stands = self.report.physics, self.robot is not None and self.robot.stands
         margin = self.report.com_margin_mm if seen is None else seen.min_zmp_margin_mm
         fell = seen is not None and seen.fallen
@@ -430,15 +428,15 @@ class RunFigures:
 
 
 def _most(values: Mapping[str, Any] | None, size: Callable[[Any], float]) -> dict[str, Any] | None:
-    """The joint with the largest of some values, of those that are known; None where there is none."""
+    """The joint with the largest known value; None without any."""
     known = {joint: value for joint, value in (values or {}).items() if not math.isnan(size(value))}
     most = max(known, key=lambda joint: size(known[joint]), default=None)
     return None if most is None else {"joint": most, "value": known[most]}
 
 
 def latency_line(report: Report) -> str:
-    """The path from the performer's hand to the robot's shafts, and the stages that take a millisecond; "" where
-    nothing is known. Each is a median, and medians of parts do not add up."""
+    """The latency from hand to shaft, and the stages above a millisecond; "" where nothing is known. Each is a median,
+    and medians of parts do not add up."""
     whole, stages = report.hand_to_shaft_ms, report.latency_ms or {}
     taken = ", ".join(f"{stage} {time.p50:.0f}" for stage, time in stages.items() if time.p50 >= 1.0)
     if whole is None:
@@ -453,37 +451,37 @@ def stream_line(live: LiveReport | None) -> str:
         return ""
     came = f"{counted(live.frames, 'frame')} in {counted(live.datagrams, 'datagram')}"
     parts = [f"{came}, played {live.playout_delay_ms:.0f} ms late"]
-    parts += [f"{STAGES[stage]} {taken.p50:.0f} ms (p99 {taken.p99:.0f})" for stage, taken in live.latency_ms.items()]
+    parts += [
+        f"{STREAM_STAGES[stage]} {taken.p50:.0f} ms (p99 {taken.p99:.0f})" for stage, taken in live.latency_ms.items()
+    ]
     if live.dropped:
-        reasons = [*live.dropped.items()][:MOST]
+        reasons = [*live.dropped.items()][:MOST_NAMED]
         parts.append("not used: " + ", ".join(f"{reason} ({count})" for reason, count in reasons))
     if live.lost_s:
-        longest = sorted(live.lost_s.items(), key=lambda item: -item[1])[:MOST]
+        longest = sorted(live.lost_s.items(), key=lambda item: -item[1])[:MOST_NAMED]
         parts.append("lost: " + ", ".join(f"{name} {seconds:.1f} s" for name, seconds in longest))
     if live.holds.count:
         parts.append(f"held {counted(live.holds.count, 'time')}, {live.holds.s:.1f} s")
     if live.refused:
-        parts.append(f"refused senders: {', '.join(live.refused[:MOST])}")
+        parts.append(f"refused senders: {', '.join(live.refused[:MOST_NAMED])}")
     return "; ".join(parts)
 
 
-# What a run says when it is over: one sentence, and the few lines that matter before it.
-
 CHANGED = 0.05
-"""Share of the goals that the gate may change before that is said: the verdict allows a twentieth of the time, too."""
+"""Share of goals that the gate may change before a remark."""
 MOST_CHANGED = 0.5
-"""Share from which on the sentence says it first: what else differs comes of that."""
+"""Share of changed goals from which on they are the cause that the sentence names first."""
 MOST_DIFFERENCES = 2
-"""Differences that the sentence names, the first ones."""
+"""Number of differences that the sentence names."""
 
 
 def heading(run: RunResult, report: Report) -> str:
-    """The line that says what was played on which robot."""
+    """The line with motion, robot and priorities."""
     return f"{report.source} on {report.robot} by {' and '.join(report.priorities)}: {measured_words(run, report)}"
 
 
 def measured_words(run: RunResult, report: Report) -> str:
-    """The seconds, on the time of the run, that are compared with the performer, and those of all other figures."""
+    """The seconds that are compared with the performer, and those of all other figures."""
     time, rows = run.record.time, run.record.following
     followed = f" from {time[rows][0]:.1f} to {time[rows][-1]:.1f} s" if run.ticks_followed else ""
     whole = f", limits checked over all {time[-1] - time[0]:.0f} s" if run.robot is not None and len(time) else ""
@@ -492,9 +490,8 @@ def measured_words(run: RunResult, report: Report) -> str:
 
 
 def remarks(run: RunResult, report: Report, notes: Sequence[str], *, room: int, kept_back: int = 0) -> list[str]:
-    """The lines that matter: all limits that were not kept, but for what the sentence says; in the room that is left,
-    what was not followed, the pair that the gate refused most, and notes. One more line counts holds, notices that were
-    kept back, and the notes that are left out."""
+    """The lines that matter: limits that were not kept, then, as `room` allows, postures not followed, the pair that
+    the gate refused most, and notes. One more line counts holds, `kept_back` notices, and notes left out."""
     known = findings(run, report)
     lost = [one for one in known if one.kept is False and one.name not in (FOLLOWING, "end")]
     broken = [f"not kept: {one.name}: {one.measured} [allowed: {one.allowed}]" for one in lost]
@@ -516,7 +513,7 @@ def remarks(run: RunResult, report: Report, notes: Sequence[str], *, room: int, 
 
 
 def sentence(run: RunResult, report: Report) -> str:
-    """How the run went, in one sentence without a full stop."""
+    """The result of the run in one sentence without a full stop."""
     seen = RunFigures(run, report)
     verdict, figures = seen.verdict, ", ".join(one.measured for one in lines_of("sentence", seen))
     whose = "the performer" if run.robot is None else report.robot
@@ -538,15 +535,12 @@ def sentence(run: RunResult, report: Report) -> str:
     return f"{whose} {words}" + (f": {figures}" if figures and run.ticks_followed else "")
 
 
-# The moments at which a run went wrong, on the time of the run: what stopped it, and a fall.
-
-
 STOPPED, FELL = "Stopped", "Fell"
 
 
 @dataclass(frozen=True)
 class Moment:
-    """what: STOPPED or FELL. time: s on the run's time. text: why, in words. more: what else there is to say."""
+    """what: STOPPED or FELL. time: s on the run's time. text: the reason. more: details."""
 
     what: str
     time: float
@@ -555,10 +549,7 @@ class Moment:
 
 
 def moments(run: RunResult) -> tuple[Moment, ...]:
-    """In the order of their time; none of a run that went on to its end.
-
-    A stop is at the first tick that braked, or at the last that was sent.
-    """
+    """The stop and the fall of a run, by time. A stop is at the first tick that braked, or at the last one."""
     found = []
     if run.reason is not None and len(run.record):
         braking = np.flatnonzero(run.record.phase == Phase.BRAKE)

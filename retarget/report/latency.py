@@ -1,9 +1,8 @@
-"""Latency by stage: how long a motion of the performer's hand takes to the shafts of the robot, and where.
+"""Latency by stage, from a motion of the performer's hand to the shafts of the robot.
 
-Two things delay it. A tick takes time: its stages are stamped (fields `time_...` of a row). And what the sensors'
-smoothing, the limits of a body and a servo hold back of a motion is a lag, taken where the cross-correlation of the
-hand's speed before and after a stage is highest, in windows of 2 s in which the hand moves. Each stage begins where the
-one before it ends, so their sum is the whole way, which is measured by itself, from the sensor to the shaft.
+Computing times come from the stamps of a tick (fields `time_...` of a row). The lags of smoothing, of body limits and
+of servos are where the cross-correlation of the hand's speeds before and after a stage is highest, in windows of 2 s in
+which the hand moves. The stages follow each other, so their sum is the whole latency, which is also measured by itself.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,23 +18,23 @@ from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 
 WINDOW_S, MOVES_M_S = 2.0, 0.1
-"""Length of a window, s, and mean speed of a hand in it, m/s, from which on it moves: slower, noise decides the lag."""
+"""Length of a window, s, and least mean speed of its hand, m/s; in slower ones noise decides the lag."""
 ALIKE = 0.9
-"""Least correlation of speeds whose lag is taken: a hand that is out of reach does not follow, and has none."""
+"""Least correlation of speeds whose lag counts, because a hand out of reach has none."""
 SMOOTHED_S = 0.04
-"""Time, s, over which speeds are averaged: a tick of an encoder is 0.05 m/s at the end of an arm."""
-SIDES = (("l_wrist", "l_hand"), ("r_wrist", "r_hand"))
+"""Averaging time, s, of speeds: one encoder tick is 0.05 m/s at the end of an arm."""
+HAND_NAMES = (("l_wrist", "l_hand"), ("r_wrist", "r_hand"))
 """Sensor and human joint, and landmark of the robot, of each hand."""
-STAGES = ("capture", "arrival", "playout", "filter", "human", "robot", "bus", "servo")
-"""In the order of a motion. capture: to the arrival of a frame; arrival: to the tick that uses it; playout: by how much
-the poses that are shown are older; filter: group delay of the smoothing; human, robot: each with its limits, the robot
-with its gate; bus: until the goal is written; servo: from there to the shafts."""
+LATENCY_STAGES = ("capture", "arrival", "playout", "filter", "human", "robot", "bus", "servo")
+"""In the order of a motion. capture: to the arrival of a frame; arrival: to the tick that uses it; playout: age of the
+poses that are shown; filter: group delay of the smoothing; human, robot: each with its limits, the robot with its gate;
+bus: until the goal is written; servo: from there to the shafts."""
 
 
 @dataclass(frozen=True)
 class Latency:
-    """stages: ms, by name, those that are known. hand_to_shaft: ms, the whole way; together: ms, the sum of the stages,
-    window by window; None: not known."""
+    """stages: ms, of the known ones. hand_to_shaft: ms, measured; together: ms, sum of the stages in each window; None:
+    not known."""
 
     stages: dict[str, TimePercentiles]
     hand_to_shaft: TimePercentiles | None
@@ -45,8 +44,8 @@ class Latency:
 def latency_of(run: RunResult) -> Latency | None:
     """The latency of a run; None without a robot whose servos answer, or if it did not follow.
 
-    The lags of human, robot and servo, and the whole way, are known where a hand has moved and was followed for
-    WINDOW_S. The whole way from a stream is not known without its smoothing, which a recording does not hold.
+    The lags of human, robot and servo, and the whole, are known where a hand moved and was followed for WINDOW_S. A
+    recording of a stream lacks its smoothing, so the whole is not known from it.
     """
     following = run.record.following
     if run.record.robot is None or not run.setup.has_bus or following.stop <= following.start:
@@ -58,11 +57,11 @@ def latency_of(run: RunResult) -> Latency | None:
     ticks |= {"bus": rows.time_written - rows.time_gate}
     stages = {stage: times[np.isfinite(times)] for stage, times in ticks.items() if np.isfinite(times).any()}
     is_live = "playout" in stages
-    median = {stage: float(np.median(stages[stage])) if stage in stages else 0.0 for stage in STAGES}
+    median = {stage: float(np.median(stages[stage])) if stage in stages else 0.0 for stage in LATENCY_STAGES}
     waits = median["capture"] + median["arrival"] + median["playout"]
     lags = {stage: np.array([window.lags[stage] for window in windows]) for stage in ("human", "robot", "servo")}
     for stage in ("human", "robot") if windows else ():
-        # Each tick and each window once: quantiles of the ticks, so that a long run is no large table.
+        # Quantiles stand for the ticks, so that the sums of a long run stay small.
         spread = np.quantile(stages.get(stage, np.zeros(1)), np.linspace(0.0, 1.0, 101))
         stages[stage] = np.add.outer(spread, lags[stage]).ravel()
     if windows:  # a lag between what is sent and the shafts begins with the tick in which it is sent
@@ -73,7 +72,7 @@ def latency_of(run: RunResult) -> Latency | None:
     if is_live and run.live is not None and windows:
         stages["filter"] = np.array([window.filter for window in windows])
     is_known = windows and (run.live is not None or not is_live)
-    found = {stage: spread_of(stages[stage].tolist()) for stage in STAGES if stage in stages}
+    found = {stage: spread_of(stages[stage].tolist()) for stage in LATENCY_STAGES if stage in stages}
     if not is_known:
         return Latency(found, None, None)
     return Latency(found, spread_of(whole), spread_of([waits + one.filter + sum(one.lags.values()) for one in windows]))
@@ -89,7 +88,7 @@ class _Window:
 
 
 def _windows(run: RunResult) -> Iterator[_Window]:
-    """The windows in which a hand moves and its lags are known."""
+    """Yield the windows in which a hand moves and all its lags are known."""
     names = run.record.human_joint_names
     rows = run.record[run.record.following]
     sensors = {name: rows.sensors[:, column] for column, name in enumerate(run.sensors)}
@@ -106,8 +105,8 @@ def _windows(run: RunResult) -> Iterator[_Window]:
 
 
 def lags(run: RunResult, tracks: Mapping[str, FloatArray]) -> list[float]:
-    """By how much, s, the shafts trail tracks (T, 3) m of wrists, by the name of their sensor, given at the ticks that
-    followed; of each window in which a hand moves."""
+    """Delay, s, of the shafts behind tracks (T, 3) m of wrists, by sensor, at the ticks that followed, in each window
+    in which a hand moves."""
     found = []
     for sensor, _, shaft in _hands(run):
         for first, last in _moving([_speed(track, run.clip.dt) for track in (tracks[sensor], shaft)], run.clip.dt):
@@ -117,21 +116,21 @@ def lags(run: RunResult, tracks: Mapping[str, FloatArray]) -> list[float]:
 
 
 def _hands(run: RunResult) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-    """Each hand of the robot at the ticks that followed: its sensor, its places (T, 3) m as they were sent, and by the
-    servos' present positions."""
+    """Yield the sensor of each hand, and its positions (T, 3) m as sent and by the servos, at the ticks that
+    followed."""
     robot, rows = run.robot, run.record.following
     present = run.present_q(rows)
     if robot is None or present is None:
         return
     sent = np.ascontiguousarray(run.record.q[rows])
-    for sensor, landmark in SIDES:
+    for sensor, landmark in HAND_NAMES:
         if landmark in robot.profile.landmarks:
             frame = robot.landmark_frames((landmark,))
             yield sensor, robot.points(sent, frame)[:, 0], robot.points(present, frame)[:, 0]
 
 
 def _moving(speeds: Sequence[FloatArray], dt: float) -> Iterator[list[FloatArray]]:
-    """Windows of speeds (T,) m/s, half a window apart, in which the first one shows a hand that moves."""
+    """Yield windows of speeds (T,) m/s, half a window apart, in which the first one shows a moving hand."""
     ticks = round(WINDOW_S / dt)
     for first in range(0, len(speeds[0]) - ticks + 1, ticks // 2):
         window = [speed[first : first + ticks] for speed in speeds]
@@ -140,7 +139,7 @@ def _moving(speeds: Sequence[FloatArray], dt: float) -> Iterator[list[FloatArray
 
 
 def _speed(track: FloatArray, dt: float) -> FloatArray:
-    """Speed (T,) m/s along a track (T, 3) m, averaged over SMOOTHED_S without a delay; NaN for a single place."""
+    """Speed (T,) m/s along a track (T, 3) m, averaged over SMOOTHED_S without a delay; NaN for a single row."""
     if len(track) < 2:
         return np.full(len(track), np.nan)
     size = max(round(SMOOTHED_S / dt), 1)
@@ -149,7 +148,7 @@ def _speed(track: FloatArray, dt: float) -> FloatArray:
 
 
 def _lag(before: FloatArray, after: FloatArray, dt: float) -> float | None:
-    """By how much, s, speeds (T,) trail others; None where they are not ALIKE at that, or it is not known."""
+    """Delay, s, of speeds (T,) behind others; None where they are not ALIKE then, or it is not known."""
     first, last = (np.pad(speed[:, None, None], ((0, 0), (0, 0), (0, 2))) for speed in (before, after))
     lag = tracking.lag(first, last, dt)
     if lag is None:

@@ -1,5 +1,4 @@
-"""How much a robot looks like its performer: angles between their limbs, how their trunks lean, and how near its joints
-could come to that."""
+"""Likeness of a robot to its performer: angles between their limbs and trunks, and the best that its joints allow."""
 
 from collections.abc import Callable, Mapping
 
@@ -13,77 +12,77 @@ from retarget.report.tracking import (
     EVERY,
     ReferenceMotion,
     as_carried,
-    asked_limbs,
-    asked_torso,
+    limb_references,
     longest,
+    torso_rotation,
     turned,
 )
 from retarget.robot.arm_branches import PARTS, arm_postures, chain_to_anchor, position_limits
 from retarget.schema.profile_parts import Landmark
 from retarget.types import BoolArray, FloatArray
 
-LIMBS = {
+LIMB_ENDS = {
     "upper_arms": ("shoulder", "elbow"),
     "forearms": ("elbow", "hand"),
     "thighs": ("hip", "knee"),
     "shanks": ("knee", "ankle"),
 }
-"""By name: the frames of a robot, and the joints of a human, between which a limb of each side lies."""
+"""Frames of a robot, and joints of a human, between which a limb of each side lies."""
 ARMS, LEGS = ("upper_arms", "forearms"), ("thighs", "shanks")
 OF_HUMAN = {"hand": "wrist"}
-"""Where the joint of a human has another name than the frame of a robot."""
+"""Names of human joints that differ from those of robot frames."""
 LEAN = "trunk_lean"
-TRUNK = ("l_hip", "r_hip", "neck")
+TRUNK_POINTS = ("l_hip", "r_hip", "neck")
 
 
 def limb_angles(
-    robot: RobotBody, q: FloatArray, asked: ReferenceMotion, *, recorded: FloatArray | None = None
+    robot: RobotBody, q: FloatArray, reference: ReferenceMotion, *, recorded: FloatArray | None = None
 ) -> dict[str, FloatArray]:
-    """Angles (T, s) rad, by the name of a limb and for each side, between a robot in postures (T, nq) and the performer
-    in their heading; `LEAN` (T, 1): between the leans of their trunks, each from where it is upright.
+    """Angles (T, s) rad between the limbs of a robot in postures (T, nq) and of the performer in their heading, by limb
+    and for each side. `LEAN` (T, 1): between the leans of their trunks, each from upright.
 
-    recorded (T, m, 3) m, NaN where not known: the performer's joints instead of those of the reconstruction, in the
-    same heading. A limb is left out where the robot has no such frames.
+    recorded (T, m, 3) m, NaN where not known: the performer's joints instead of the reconstructed ones. A limb without
+    frames of the robot is left out.
     """
-    asked_joints = asked.joints if recorded is None else recorded
-    lines, human = _robot_limbs(robot, q), _human_limbs(asked, asked_joints)
+    joints = reference.joints if recorded is None else recorded
+    lines, human = _robot_limbs(robot, q), _human_limbs(reference, joints)
     found = {limb: _angle(line, human[limb]) for limb, line in lines.items()}
     if _has_trunk(robot):
         stood = plant(robot, robot.profile.postures.stand).q
-        lean = _lean(_trunk(robot, q)) - _lean(_trunk(robot, stood[None])) - _performer_lean(asked, asked_joints)
+        lean = _lean(_trunk(robot, q)) - _lean(_trunk(robot, stood[None])) - _performer_lean(reference, joints)
         found[LEAN] = np.minimum(np.linalg.norm(lean, axis=1), np.pi)[:, None]  # nothing leans farther away
     return found
 
 
-def _performer_lean(asked: ReferenceMotion, joints: FloatArray) -> FloatArray:
-    """How far (T, 2) the performer's trunk leans forward and to the left from where they stand upright, rad."""
-    at = {name: joints[:, asked.joint_names.index(name)] for name in TRUNK}
-    rest = asked.standing
+def _performer_lean(reference: ReferenceMotion, joints: FloatArray) -> FloatArray:
+    """Lean (T, 2) rad of the performer's trunk from upright, forward and to the left."""
+    at = {name: joints[:, reference.joint_names.index(name)] for name in TRUNK_POINTS}
+    rest = reference.standing
     upright = rest["neck"] - 0.5 * (rest["l_hip"] + rest["r_hip"])
-    return _lean(turned(at["neck"] - 0.5 * (at["l_hip"] + at["r_hip"]), asked.heading)) - _lean(upright[None])
+    return _lean(turned(at["neck"] - 0.5 * (at["l_hip"] + at["r_hip"]), reference.heading)) - _lean(upright[None])
 
 
-STILL_S, MOVES_DEG, STILL_SHARE = 0.5, 10.0, 0.2
-"""A performer moves who turns a limb by so many degrees, from where it was at any time within so many s before; a robot
-whose limbs turn by less than this share of that does not move."""
+MOVES_S, MOVES_DEG, STILL_SHARE = 0.5, 10.0, 0.2
+"""A performer moves if a limb turned by MOVES_DEG within the last MOVES_S. A robot is frozen then if its limbs turned
+by less than STILL_SHARE of that."""
 
 
-def frozen_share(robot: RobotBody, q: FloatArray, asked: ReferenceMotion) -> float | None:
-    """Share of the time in which the performer moves, in which the robot in postures (T, nq) does not; None where the
+def frozen_share(robot: RobotBody, q: FloatArray, reference: ReferenceMotion) -> float | None:
+    """Share of the time in which the performer moves that the robot, in postures (T, nq), is frozen; None where the
     performer stands still, or the robot has none of these limbs."""
-    human, own = _human_limbs(asked, asked.joints), _robot_limbs(robot, q)
+    human, own = _human_limbs(reference, reference.joints), _robot_limbs(robot, q)
     if not own:
         return None
     performer, moved = (
-        _turned_lately(np.concatenate([of[limb] for limb in own], axis=1), asked.dt) for of in (human, own)
+        _turned_lately(np.concatenate([of[limb] for limb in own], axis=1), reference.dt) for of in (human, own)
     )
     moves = performer > np.deg2rad(MOVES_DEG)
     return float((moved[moves] < STILL_SHARE * performer[moves]).mean()) if moves.any() else None
 
 
 def _turned_lately(lines: FloatArray, dt: float) -> FloatArray:
-    """How far (T - w,) rad any of lines (T, k, 3) turned from where it was within the last w rows, `STILL_S`."""
-    window = min(max(round(STILL_S / dt), 1), len(lines) - 1)
+    """Largest rotation (T - w,) rad of lines (T, k, 3) within the last w rows, `MOVES_S`."""
+    window = min(max(round(MOVES_S / dt), 1), len(lines) - 1)
     steps = sorted({max(window // part, 1) for part in (1, 2, 4)})
     now = lines[window:]
     return np.asarray(
@@ -92,13 +91,13 @@ def _turned_lately(lines: FloatArray, dt: float) -> FloatArray:
 
 
 LEG_AWAY_DEG = 45.0
-"""A thigh or shank that is farther off than this is not where the performer's is: one that is level is 90 from one that
-hangs."""
+"""Angle beyond which a thigh or shank does not match the performer's: half of that between a level and a hanging one.
+"""
 
 
 def legs_away(angles: Mapping[str, FloatArray], dt: float) -> dict[str, float]:
-    """Longest time, s, that each thigh and shank was more than `LEG_AWAY_DEG` off, by its name. angles: of
-    `limb_angles`, `dt` s apart."""
+    """Longest time, s, that each thigh and shank was more than `LEG_AWAY_DEG` off. angles: from `limb_angles`, `dt` s
+    apart."""
     found = {}
     for limb in (limb for limb in LEGS if limb in angles):
         for side, off in zip("lr", np.degrees(angles[limb]).T, strict=True):
@@ -107,39 +106,39 @@ def legs_away(angles: Mapping[str, FloatArray], dt: float) -> dict[str, float]:
 
 
 def _robot_limbs(robot: RobotBody, q: FloatArray) -> dict[str, FloatArray]:
-    """Both lines (T, 2, 3) m of each limb of which a robot has the frames, in postures (T, nq)."""
+    """Lines (T, 2, 3) m of both sides of each limb of which a robot has the frames, in postures (T, nq)."""
     lines = {}
-    for limb, parts in LIMBS.items():
+    for limb, parts in LIMB_ENDS.items():
         first, last = (tuple(f"{side}_{part}" for side in "lr") for part in parts)
         if set(first + last) <= set(robot.profile.frames):
             lines[limb] = robot.points(q, last) - robot.points(q, first)
     return lines
 
 
-def _human_limbs(asked: ReferenceMotion, joints: FloatArray) -> dict[str, FloatArray]:
-    """Both lines (T, 2, 3) m of each limb of the performer, in their heading."""
+def _human_limbs(reference: ReferenceMotion, joints: FloatArray) -> dict[str, FloatArray]:
+    """Lines (T, 2, 3) m of both sides of each limb of the performer, in their heading."""
     lines = {}
-    for limb, parts in LIMBS.items():
+    for limb, parts in LIMB_ENDS.items():
         first, last = (
-            joints[:, [asked.joint_names.index(f"{side}_{OF_HUMAN.get(part, part)}") for side in "lr"]]
+            joints[:, [reference.joint_names.index(f"{side}_{OF_HUMAN.get(part, part)}") for side in "lr"]]
             for part in parts
         )
-        lines[limb] = turned(last - first, asked.heading)
+        lines[limb] = turned(last - first, reference.heading)
     return lines
 
 
 def _has_trunk(robot: RobotBody) -> bool:
-    return set(TRUNK) <= set(robot.profile.frames)
+    return set(TRUNK_POINTS) <= set(robot.profile.frames)
 
 
 def _trunk(robot: RobotBody, q: FloatArray) -> FloatArray:
-    """From the middle of the hips to the neck (T, 3), m."""
-    left, right, neck = np.moveaxis(robot.points(q, TRUNK), 1, 0)
+    """Line (T, 3) m from the middle of the hips to the neck."""
+    left, right, neck = np.moveaxis(robot.points(q, TRUNK_POINTS), 1, 0)
     return np.asarray(neck - 0.5 * (left + right))
 
 
 def _lean(line: FloatArray) -> FloatArray:
-    """How far (T, 2) lines (T, 3) lean forward and to the left, rad."""
+    """Angles (T, 2) rad by which lines (T, 3) lean forward and to the left."""
     return np.arctan2(line[:, :2], line[:, 2:])
 
 
@@ -148,33 +147,30 @@ def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1)))
 
 
-# How like the performer the robot's joints would allow it to be: the best posture of each arm, by a search.
-#
-# What the solver weighs of an arm is the distance between lines: the whole arm, the upper arm, the forearm, each by its
-# length and weight. So a posture of the arm is a point in space, its lines one after the other, and so is what is
-# asked; the best posture is the nearest one that the limits of the joints allow and in which the arm meets neither the
-# trunk nor itself. The trunk is where it is asked. Postures spread over all ranges show where the nearest one lies, and
-# random steps that become smaller and smaller find it from the best of these. One arm does not know of the other, nor
-# of the legs, nor of speeds, so no robot does better with its trunk as asked.
+# Best posture of each arm, by search. The cost of an arm is that of the solver: distances between the lines of the
+# whole arm, the upper arm and the forearm, each by its length and weight. So a posture is a point in space, and the
+# best one is the nearest that the joint limits allow and in which the arm meets neither the trunk nor itself. The
+# search starts from postures spread over all ranges and takes random steps of falling size. The trunk is at its target,
+# and speeds, the legs and the other arm do not count, so that no robot does better.
 
 SPREAD = 20_000
-"""Postures of an arm, spread over its ranges: 4 to 15 degrees apart for three to four joints."""
+"""Postures spread over the ranges of an arm: 4 to 15 degrees apart for three to four joints."""
 STARTS, DRAWS, ROUNDS = 6, 12, 24
-"""Postures from which a search begins; steps that are drawn in each round, of which the best is taken; rounds."""
+"""Postures from which a search begins, random steps in each round, and rounds."""
 FIRST_STEP, SHRINKING = 0.15, 0.8
-"""Step of the first round, as a share of each joint's range, and of each round after it as a share of the one before.
-The last ones are below a degree's tenth."""
-BLOCK = 64
-"""So many instants are searched together, which bounds the memory."""
+"""Step of the first round, as a share of each joint's range, and its factor from round to round. The last steps are
+below a tenth of a degree."""
+SEARCH_BLOCK = 64
+"""Instants that are searched together, which bounds the memory."""
 
 
-def best_angles(robot: RobotBody, asked: ReferenceMotion, weights: Mapping[str, float]) -> dict[str, FloatArray]:
-    """As `limb_angles` of the arms and the lean of the trunk, at one tick in `EVERY`, for the best posture of each arm.
+def best_angles(robot: RobotBody, reference: ReferenceMotion, weights: Mapping[str, float]) -> dict[str, FloatArray]:
+    """Like `limb_angles`, for the arms in their best posture and the lean of the trunk, at one tick in `EVERY`.
 
     weights: of limbs by name, as in a priority file; 1 for others. Empty where the robot has no landmarks for hands.
     """
     stance = plant(robot, robot.profile.postures.stand)
-    turn = asked_torso(robot, stance, asked)
+    turn = torso_rotation(robot, stance, reference)
     lines = _robot_limbs(robot, stance.q[None])
     if turn is None or not set(ARMS) <= set(lines):
         return {}
@@ -182,26 +178,30 @@ def best_angles(robot: RobotBody, asked: ReferenceMotion, weights: Mapping[str, 
     if not rows.size:
         return {}
     turn = turn[rows]
-    human, found = _human_limbs(asked, asked.joints), {limb: np.empty((len(rows), 2)) for limb in ARMS}
+    human, found = _human_limbs(reference, reference.joints), {limb: np.empty((len(rows), 2)) for limb in ARMS}
     for column, side in enumerate("lr"):
-        limbs = asked_limbs(_arm(robot, side), asked)
-        wanted = np.stack([as_carried(turn, line[rows]) for line in limbs.values()], axis=1)
-        q = best_postures(robot, stance, side, wanted, weights)
+        limbs = limb_references(_arm(robot, side), reference)
+        desired = np.stack([as_carried(turn, line[rows]) for line in limbs.values()], axis=1)
+        q = best_postures(robot, stance, side, desired, weights)
         for limb, line in _robot_limbs(robot, q).items():
             if limb in ARMS:
                 found[limb][:, column] = _angle(line[:, column], as_carried(turn, human[limb][rows, column]))
     if _has_trunk(robot):
         trunk = _trunk(robot, stance.q[None])
-        lean = _lean(np.einsum("tij,j->ti", turn, trunk[0])) - _lean(trunk) - _performer_lean(asked, asked.joints)[rows]
+        lean = (
+            _lean(np.einsum("tij,j->ti", turn, trunk[0]))
+            - _lean(trunk)
+            - _performer_lean(reference, reference.joints)[rows]
+        )
         found[LEAN] = np.minimum(np.linalg.norm(lean, axis=1), np.pi)[:, None]  # nothing leans farther away
     return found
 
 
 def best_postures(
-    robot: RobotBody, stance: Stance, side: str, wanted: FloatArray, weights: Mapping[str, float]
+    robot: RobotBody, stance: Stance, side: str, desired: FloatArray, weights: Mapping[str, float]
 ) -> FloatArray:
-    """Postures (t, nq) of the arm of a side, the rest in its stance, whose lines are nearest to those wanted (t, k, 3)
-    m: of the landmarks `PARTS` that the profile has, as the trunk of the stance sees them."""
+    """Postures (t, nq) of the arm of a side, the rest in its stance, whose lines are nearest to the desired ones (t, k,
+    3) m: those of the landmarks `PARTS` of the profile, as the trunk of the stance sees them."""
     landmark, arm, chance = f"{side}_hand", _arm(robot, side), np.random.default_rng(0)
     scale = np.array([weights.get(name, 1.0) / entry.robot_length for name, entry in arm.items()])
     frames, anchors = tuple(entry.frame for entry in arm.values()), tuple(entry.anchor[0] for entry in arm.values())
@@ -211,14 +211,14 @@ def best_postures(
     clear = arm_clearance(robot, stance, landmark)
 
     def points(q: FloatArray) -> FloatArray:
-        """The lines of an arm in postures (n, nq), one after the other (n, 3 k)."""
+        """Lines of the arm in postures (n, nq), one after the other (n, 3 k)."""
         return np.asarray(scale[:, None] * (robot.points(q, frames) - robot.points(q, anchors))).reshape(len(q), -1)
 
     spread = arm_postures(robot, stance, landmark, SPREAD)
     spread = spread[clear(spread)]
-    seen, goals = points(spread), (scale[:, None] * wanted).reshape(len(wanted), -1)
+    seen, goals = points(spread), (scale[:, None] * desired).reshape(len(desired), -1)
     best = []
-    for goal in np.array_split(goals, range(BLOCK, len(goals), BLOCK)):
+    for goal in np.array_split(goals, range(SEARCH_BLOCK, len(goals), SEARCH_BLOCK)):
         near = np.array([np.argpartition(np.sum((seen - one) ** 2, axis=1), STARTS)[:STARTS] for one in goal])
         q, step = spread[near.ravel()], FIRST_STEP * (high - low)
         to = np.repeat(goal, STARTS, axis=0)
@@ -245,10 +245,8 @@ def _arm(robot: RobotBody, side: str) -> dict[str, Landmark]:
 
 
 def arm_clearance(robot: RobotBody, stance: Stance, landmark: str) -> Callable[[FloatArray], BoolArray]:
-    """Of postures (n, nq): whether (n,) the limb of a landmark meets neither itself nor the links that carry it.
-
-    Geoms of the body's own file, and pairs of links, as the report compares them.
-    """
+    """A function of postures (n, nq) that is true (n,) where the limb of a landmark meets neither itself nor the links
+    that carry it. Geoms and pairs of links are those of the report."""
     body, profile = robot.body, robot.profile
     chain = {int(body.joint_body[joint]) for joint in chain_to_anchor(robot, landmark)}
     carrying = body.chain_to_root(robot.frame(profile.landmarks[landmark].anchor[0]).body)

@@ -1,4 +1,4 @@
-"""Tables of figures, their bounds and sentences (`findings.yaml`), and the lines that are made of them."""
+"""Tables of figures, bounds and sentences (`findings.yaml`), and the lines made of them."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,8 +14,7 @@ from retarget.schema import strict_yaml
 
 @dataclass(frozen=True)
 class Finding:
-    """What was measured, in words, with units. allowed: the limit, in words, if it needs any; kept: whether it was
-    kept, None without a limit."""
+    """A measured figure in words. allowed: its limit; kept: true if it was kept, None without a limit."""
 
     name: str
     measured: str
@@ -25,11 +24,12 @@ class Finding:
 
 _FIELD = re.compile(r"{([^{}:]+):?([^{}]*)}")
 BROKEN = {"under": lt, "over": gt, "reaches": ge}
-"""Keys of a line under which figures stand with their limits, and what of the two breaks the bound."""
+"""Comparisons of a figure with its limit that break a bound, by the key of a line."""
 
 
 def figure_of(seen: object, path: object) -> Any:
-    """The figure at a path of attributes, keys and numbers; None where any of them is not known; a number is itself."""
+    """The figure at a path of attributes, keys and indices; None where any is not known. Numbers are returned as they
+    are."""
     if not isinstance(path, str):
         return path
     value: Any = seen
@@ -44,8 +44,8 @@ def figure_of(seen: object, path: object) -> Any:
 
 
 def _in_words(value: Any, form: str) -> str:
-    """A figure in its format; "" where it is not known. `#tick|none`: so many ticks, or the word for none; `?`: as
-    unknown where it is 0."""
+    """A figure in its format; "" where it is not known. `#tick|none`: a count, with a word for 0; `?`: unknown where it
+    is 0."""
     if value is None or (form.startswith("?") and not value):
         return ""
     if form.startswith("#"):
@@ -55,7 +55,7 @@ def _in_words(value: Any, form: str) -> str:
 
 
 def in_words(text: str | Sequence[str], seen: object) -> str:
-    """A sentence with its figures; "" where one of them is not known. Of several, the first that is none."""
+    """A sentence with its figures, or the first of several whose figures are all known; else ""."""
     for one in [text] if isinstance(text, str) else text:
         figures = [(found, _in_words(figure_of(seen, found[1]), found[2])) for found in _FIELD.finditer(one)]
         if all(words for _, words in figures):
@@ -72,7 +72,7 @@ def table(name: str) -> Sequence[Mapping[str, Any]]:
 
 
 def lines_of(name: str, seen: object, *, planned: str = "") -> Iterator[Finding]:
-    """The lines of a table that are known. planned: goes behind the names of lines of the plan."""
+    """Yield the known lines of a table. planned: suffix of the names of lines about the plan."""
     for line in table(name):
         says = in_words(line["says"], seen)
         if says:
@@ -83,7 +83,7 @@ def lines_of(name: str, seen: object, *, planned: str = "") -> Iterator[Finding]
 
 
 def _kept(line: Mapping[str, Any], seen: object) -> bool | None:
-    """Whether the bound of a line is kept; None where it has none, or its figure is not known."""
+    """True if the bound of a line is kept; None without one, or without its figure."""
     if "broken" in line:
         broken = figure_of(seen, line["broken"])
         return None if broken is None else not broken

@@ -1,4 +1,4 @@
-"""The report of a finished run, measured on the record: from what was sent, not from a stage's own residuals."""
+"""The report of a finished run, measured on its record of what was sent."""
 
 from dataclasses import replace
 from typing import Any
@@ -45,8 +45,6 @@ from retarget.run.run_result import RunResult
 from retarget.schema.priorities import LimbTask
 from retarget.types import MM, FloatArray
 
-# What the bus's own clock and the guard recorded of a run.
-
 LATE = 1.5
 """Periods between two ticks from which on one is missing between them."""
 BUS_CAUSES = (StopCause.BUS, StopCause.BUS_SILENT)
@@ -56,8 +54,8 @@ SERVO_CAUSES = (StopCause.SERVO_LOST, StopCause.LIMB_LOST, StopCause.SERVO_ALERT
 def fault_count(run: RunResult) -> int:
     """Servos silent or alarmed, summed over ticks, and failures that ended ticks before they had a row.
 
-    A tick in which the bus fails sends nothing, nor does one in which a robot that stands is stopped: these are known
-    from the guard's stop alone.
+    A tick in which the bus fails has no row, nor has one in which a standing robot is stopped. These are known from the
+    guard's stop alone.
     """
     sent = run.record.robot
     seen = 0 if sent is None else int(sent.faults.sum())
@@ -69,9 +67,8 @@ def fault_count(run: RunResult) -> int:
 
 
 def pace(times: FloatArray, dt: float) -> tuple[float, float, int] | None:
-    """Ticks per second; the longest time (s) from one tick to the next, because a long run hides a single stall in its
-    rate; and deadlines that passed without a tick. Of the times (T,) s at which servos were read, in ticks that should
-    be `dt` s apart; None where that was not measured."""
+    """Ticks per second, the longest period (s), and the number of missed ticks. times (T,) s: reads of servos, in ticks
+    of `dt` s. None where nothing was measured."""
     known = times[np.isfinite(times)]
     periods = np.diff(known)
     lasted = float(periods.sum())
@@ -101,7 +98,7 @@ def bus_report(run: RunResult) -> BusReport | None:
 
 
 def _warms(run: RunResult) -> HeatReport | None:
-    """How the servos that carry the robot will warm, if it goes on so; None where that is not known."""
+    """Forecast of the load-bearing servo that reaches its warning temperature first; None where it is not known."""
     sent, robot = run.record.robot, run.robot
     assert sent is not None and robot is not None, "a bus has a robot"
     safety = robot.profile.safety
@@ -118,7 +115,7 @@ def _warms(run: RunResult) -> HeatReport | None:
 
 
 def percentiles(seconds: FloatArray, scale: float) -> Percentiles:
-    """Compute median, p99 and maximum of the times, s, that are known, times `scale`."""
+    """Median, p99 and maximum of the finite times, s, times `scale`."""
     seconds = seconds[np.isfinite(seconds)]  # a stage that did not run in a tick has no cost there
     if not seconds.size:
         return Percentiles(float("nan"), float("nan"), float("nan"))
@@ -135,14 +132,14 @@ def _extreme(run: RunResult, values: FloatArray, *, sign: float = 1.0) -> ServoE
 
 
 UNSENSED = ("pelvis", "l_knee", "r_knee", "l_elbow", "r_elbow", "l_shoulder", "r_shoulder", "neck")
-"""Joints by which a reconstruction is judged, where no sensor sits on them."""
-HANDS = ("l_hand", "r_hand", "l_wrist", "r_wrist")
+"""Joints that show the error of a reconstruction if no sensor is on them."""
+HAND_TRACKS = ("l_hand", "r_hand", "l_wrist", "r_wrist")
 
 
 def measure(run: RunResult) -> Report:
     """The report of a run."""
-    names, asked, reached = run.followed
-    performance, moved, latency = tracking.performance_of(run), _moved(run, reached), latency_of(run)
+    names, desired, actual = run.followed
+    reference, moved, latency = tracking.reference_of(run), _moved(run, actual), latency_of(run)
     reconstruct, retarget, _ = run.record.cost.T
     return Report(
         frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
@@ -152,8 +149,8 @@ def measure(run: RunResult) -> Report:
         frames_per_s=played / max(run.wall_s, 1e-9),
         solve_us=percentiles(reconstruct + retarget, 1e6),
         reconstruct_us=percentiles(reconstruct, 1e6),
-        tracking_mm=_spreads(names, asked, reached),
-        lag_s=tracking.lag(asked, reached, run.clip.dt),
+        tracking_mm=_spreads(names, desired, actual),
+        lag_s=tracking.lag(desired, actual, run.clip.dt),
         unsensed_mm=_unsensed(run),
         limit_violations=limits_broken(run),
         priority_violation_max=in_mm(top_level_error(run)),
@@ -161,14 +158,14 @@ def measure(run: RunResult) -> Report:
         fallen=None if run.physics is None else run.physics.fall is not None,
         bus=bus_report(run),
         stop=StopReport(run.state, run.reason),
-        sensors_mm=_spreads(run.sensors, run.sensors_asked, run.sensors_reached),
+        sensors_mm=_spreads(run.sensors, run.sensors_desired, run.sensors_reached),
         **_sent(run),
-        **_ways(run, performance, moved),
+        **_travelled(run, reference, moved),
         **_clearances(run),
         **_standing(run),
-        **_likeness(run, performance),
-        **_hands(run, performance, moved),
-        unfollowed=unfollowed_of(run, performance),
+        **_likeness(run, reference),
+        **_hands(run, reference, moved),
+        unfollowed=unfollowed_of(run, reference),
         physics=physics_report(run),
         strategies=run.tally.strategies,
         walk=run.tally.walk,
@@ -189,7 +186,7 @@ def measure(run: RunResult) -> Report:
 
 
 def _imu(run: RunResult) -> ImuReport | None:
-    """How the link of the IMU was tilted, and how its plan was."""
+    """Tilt of the IMU's link, measured and planned."""
     record, robot = run.record.robot, run.robot
     if record is None or robot is None or robot.profile.imu is None:
         return None
@@ -206,13 +203,13 @@ def _imu(run: RunResult) -> ImuReport | None:
     return ImuReport(float(tilt.max()), _spread(off), int(np.count_nonzero(~record.imu_valid)))
 
 
-# Parts of the report, by its keys. A key that does not apply to a run is left out: it is null.
+# Parts of the report, by its keys. A key that is left out is null.
 
 Part = dict[str, Any]
 
 
 def _sent(run: RunResult) -> Part:
-    """Goals that were sent to a robot, and how far its servos stood from them and from the landmarks asked for."""
+    """Goals of a robot, and the errors of its servos to goals and landmarks."""
     sent, robot = run.record.robot, run.robot
     if sent is None or robot is None:
         return {}
@@ -223,28 +220,28 @@ def _sent(run: RunResult) -> Part:
     }
     if not run.setup.has_bus:
         return found
-    frames, asked, columns = robot.landmark_frames(sent.landmark_names), sent.landmarks_asked, robot.servo_columns
+    frames, desired, columns = robot.landmark_frames(sent.landmark_names), sent.landmarks_asked, robot.servo_columns
     goals, present = sent.q[:-1], sent.present[1:]  # servos are read before the goal of their tick is sent
 
     def off(rows: slice) -> FloatArray:
         q = run.present_q(rows)
         assert q is not None, "there is a bus"
-        return tracking.distances(asked[rows], robot.points(q, frames))
+        return tracking.distances(desired[rows], robot.points(q, frames))
 
     error = in_blocks(lambda rows: np.rad2deg(np.abs(present[rows] - goals[rows, columns])), len(present))
     return found | {
-        "servo_tracking_mm": _spread_of(sent.landmark_names, MM * in_blocks(off, len(asked))),
+        "servo_tracking_mm": _spread_of(sent.landmark_names, MM * in_blocks(off, len(desired))),
         "servo_error_deg": _spread_of(robot.joint_map.joints, error),
     }
 
 
-def _ways(run: RunResult, performance: ReferenceMotion | None, moved: FloatArray) -> Part:
-    """How far robot and performer got. moved (T, k, 3) m: what was followed, as the body moved."""
-    (names, asked, _), (travelled, turned) = run.followed, travel(run)
-    hands = [column for column, name in enumerate(names) if name in HANDS]
+def _travelled(run: RunResult, reference: ReferenceMotion | None, moved: FloatArray) -> Part:
+    """Paths and travel of robot and performer. moved (T, k, 3) m: the landmarks as the body moved."""
+    (names, desired, _), (travelled, turned) = run.followed, travel(run)
+    hands = [column for column, name in enumerate(names) if name in HAND_TRACKS]
     found: Part = {
-        "hand_path_ratio": tracking.path_ratio(asked[:, hands], moved[:, hands]) if hands else None,
-        "foot_path_ratio": _foot_path_ratio(run, performance),
+        "hand_path_ratio": tracking.path_ratio(desired[:, hands], moved[:, hands]) if hands else None,
+        "foot_path_ratio": _foot_path_ratio(run, reference),
         "travelled_m": travelled,
         "turned_deg": turned,
     }
@@ -257,17 +254,17 @@ def _ways(run: RunResult, performance: ReferenceMotion | None, moved: FloatArray
     return found
 
 
-def _moved(run: RunResult, reached: FloatArray) -> FloatArray:
-    """What was followed (T, k, 3) m as the body moved, the simulated one, else as it was sent; along the axes of the
-    stance of a robot that walks."""
+def _moved(run: RunResult, actual: FloatArray) -> FloatArray:
+    """Landmarks (T, k, 3) m as the simulated body moved, else as they were sent; along the axes of the stance of a
+    robot that walks."""
     robot, sent, q = run.robot, run.record.robot, run.seen_q
     if robot is None or sent is None or q is None or run.physics is None:
-        return run.seen(reached)
+        return run.seen(actual)
     return robot.points(q, robot.landmark_frames(sent.landmark_names))
 
 
 def _pelvis_heights(run: RunResult, moved: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Heights (T,) m of the pelvis, asked and reached: of a robot's landmark, or of the recorded body and the human."""
+    """Heights (T,) m of the pelvis, desired and actual: of a robot's landmark, or of recorded body and human."""
     sent, record, truth = run.record.robot, run.record, run.truth_of(("pelvis",))
     if sent is not None:
         if "pelvis" not in sent.landmark_names:
@@ -281,7 +278,7 @@ def _pelvis_heights(run: RunResult, moved: FloatArray) -> tuple[FloatArray, Floa
 
 
 def travel(run: RunResult) -> tuple[BothMoved, BothMoved]:
-    """How far performer and robot got over the ground, m, and how far they turned, degrees, while it followed."""
+    """Distance over the ground, m, and turn, degrees, of performer and robot while it followed."""
     record, robot, q, rows = run.record, run.robot, run.moved_q, run.record.following
     if not run.ticks_followed:
         return BothMoved(None, None), BothMoved(None, None)
@@ -298,26 +295,25 @@ def travel(run: RunResult) -> tuple[BothMoved, BothMoved]:
     return BothMoved(travelled, tracking.extent(place)), BothMoved(turned, float(np.degrees(turn)))
 
 
-def _foot_path_ratio(run: RunResult, performance: ReferenceMotion | None) -> float | None:
-    """Of the ticks that followed; None for a robot without feet that follow."""
+def _foot_path_ratio(run: RunResult, reference: ReferenceMotion | None) -> float | None:
+    """Ratio over the ticks that followed; None for a robot without feet that follow."""
     robot, q, rows = run.robot, run.moved_q, run.record.following
-    if robot is None or performance is None or q is None or not run.ticks_followed:
+    if robot is None or reference is None or q is None or not run.ticks_followed:
         return None
-    asked = tracking.asked_feet(robot, performance)
-    if not asked:
+    ankles = tracking.ankle_references(robot, reference)
+    if not ankles:
         return None
-    reached = robot.points(np.ascontiguousarray(q[rows]), tuple(asked))
-    return tracking.foot_path_ratio(np.stack(list(asked.values()), axis=1)[rows], reached, run.clip.dt)
+    actual = robot.points(np.ascontiguousarray(q[rows]), tuple(ankles))
+    return tracking.foot_path_ratio(np.stack(list(ankles.values()), axis=1)[rows], actual, run.clip.dt)
 
 
-def _hands(run: RunResult, asked: ReferenceMotion | None, moved: FloatArray) -> Part:
-    """How the hands followed, moved (T, k, 3) m, at the ticks at which they were asked within reach; nothing without a
-    robot that has both."""
+def _hands(run: RunResult, reference: ReferenceMotion | None, moved: FloatArray) -> Part:
+    """Tracking of the hands at the ticks with their targets within reach. moved (T, k, 3) m."""
     robot, q = run.robot, run.seen_q
-    if robot is None or q is None or asked is None:
+    if robot is None or q is None or reference is None:
         return {}
-    seen = in_blocks(lambda rows: hands_from_shoulders(robot, asked.of(rows), q[rows], moved[rows]), len(moved))
-    found = reachable_hands(robot, asked, seen)
+    seen = in_blocks(lambda rows: hands_from_shoulders(robot, reference.of(rows), q[rows], moved[rows]), len(moved))
+    found = reachable_hands(robot, reference, seen)
     errors = {name: MM * hand.error for name, hand in found.items() if hand.error is not None}
     if errors:
         mean = np.average(list(errors.values()), weights=[found[name].share for name in errors])
@@ -329,14 +325,14 @@ def _hands(run: RunResult, asked: ReferenceMotion | None, moved: FloatArray) -> 
     }
 
 
-def _likeness(run: RunResult, asked: ReferenceMotion | None) -> Part:
-    """Angles between the limbs of robot and performer, and of the lean of their trunks, degrees, while it followed."""
+def _likeness(run: RunResult, reference: ReferenceMotion | None) -> Part:
+    """Angles, degrees, between the limbs and trunks of robot and performer while it followed."""
     robot, q = run.robot, run.seen_q
-    if robot is None or q is None or asked is None:
+    if robot is None or q is None or reference is None:
         return {}
-    found = _limb_angles(run, q, asked, recorded=False)
-    known = run.truth_of(asked.joint_names, slice(0, 0)) is not None
-    recorded = _limb_angles(run, q, asked, recorded=True) if known else {}
+    found = _limb_angles(run, q, reference, recorded=False)
+    known = run.truth_of(reference.joint_names, slice(0, 0)) is not None
+    recorded = _limb_angles(run, q, reference, recorded=True) if known else {}
     spreads, of_recorded = _degrees(found), _degrees(recorded)
     if set(of_recorded) != set(spreads):  # a file that knows only some of the joints
         of_recorded = {}
@@ -350,28 +346,28 @@ def _likeness(run: RunResult, asked: ReferenceMotion | None) -> Part:
     }
 
 
-def _limb_angles(run: RunResult, q: FloatArray, asked: ReferenceMotion, *, recorded: bool) -> dict[str, FloatArray]:
-    """As `limb_angles`, at the ticks that followed. recorded: from the recorded body."""
+def _limb_angles(run: RunResult, q: FloatArray, reference: ReferenceMotion, *, recorded: bool) -> dict[str, FloatArray]:
+    """Like `limb_angles`, at the ticks that followed. recorded: against the recorded body."""
     robot, following = run.robot, run.record.following
     assert robot is not None, "a robot follows"
 
     def angles(rows: slice) -> dict[str, FloatArray]:
         rows = slice(following.start + rows.start, following.start + rows.stop)
-        truth = run.truth_of(asked.joint_names, rows) if recorded else None
-        return limb_angles(robot, q[rows], asked.of(rows), recorded=truth)
+        truth = run.truth_of(reference.joint_names, rows) if recorded else None
+        return limb_angles(robot, q[rows], reference.of(rows), recorded=truth)
 
     return in_named_blocks(angles, following.stop - following.start)
 
 
 def best_likeness(run: RunResult) -> dict[str, Spread] | None:
-    """As `likeness_deg` and, as `trunk_lean`, `trunk_lean_deg`, at the best that the joints allow; takes seconds. None
-    where nothing was followed by both hands."""
-    robot, asked = run.robot, tracking.performance_of(run)
-    if robot is None or asked is None or not run.setup.priorities:
+    """Like `likeness_deg`, with `trunk_lean`, at the best that the joints allow; takes seconds. None where both hands
+    followed nothing."""
+    robot, reference = run.robot, tracking.reference_of(run)
+    if robot is None or reference is None or not run.setup.priorities:
         return None
     tasks = [task for level in run.setup.priorities[-1].levels for task in level.tasks if isinstance(task, LimbTask)]
     weights = {name: task.weight for task in tasks for name in task.of}
-    return _degrees(best_angles(robot, asked, weights)) or None
+    return _degrees(best_angles(robot, reference, weights)) or None
 
 
 def _degrees(angles: dict[str, FloatArray]) -> dict[str, Spread]:
@@ -380,7 +376,7 @@ def _degrees(angles: dict[str, FloatArray]) -> dict[str, Spread]:
 
 
 def _unsensed(run: RunResult) -> dict[str, float] | None:
-    """Mean error, mm, of each joint that no sensor sits on, and the mean of those; None where no truth is known."""
+    """Mean error, mm, of each joint without a sensor, and their mean; None where the recorded body is not known."""
     record, sensed = run.record, {sensor.joint for sensor in run.setup.performer.sensors.values()}
     means = {}
     for joint in UNSENSED:
@@ -397,7 +393,7 @@ def _unsensed(run: RunResult) -> dict[str, float] | None:
 
 
 def _joint_positions(run: RunResult) -> FloatArray:
-    """Positions (T, n) rad that were sent, servo order; of a human, all DoFs that are single hinges."""
+    """Positions (T, n) rad that were sent, servo order; for a human all single hinges."""
     if run.robot is not None and run.record.robot is not None:
         return np.asarray(run.record.robot.q[:, run.robot.servo_columns])
     single, address = run.human.body.scalar_joints()
@@ -405,7 +401,7 @@ def _joint_positions(run: RunResult) -> FloatArray:
 
 
 def limits_broken(run: RunResult) -> LimitViolations:
-    """Measured on `limited_positions`."""
+    """Limit violations of `limited_positions`."""
     moved, kept, positions = moved_joints(run), run.record, motion_metrics.limited_positions(run)
     if kept.robot is None:
         return limit_violations(positions, moved.limits, moved.dt, from_rest=False)
@@ -413,7 +409,7 @@ def limits_broken(run: RunResult) -> LimitViolations:
 
 
 def _clearances(run: RunResult) -> Part:
-    """How near the last stage's body came to anything, and what its observers did in the ticks that followed."""
+    """Clearance of the last stage's body, and activity of its observers in the ticks that followed."""
     found, sent = clearances(run), run.record.robot
     modes = run.record.human_observer_modes if sent is None else sent.observer_modes
     dt = run.clip.motion_dt if sent is None else run.clip.dt
@@ -424,8 +420,8 @@ def _clearances(run: RunResult) -> Part:
 
 
 def _standing(run: RunResult) -> Part:
-    """Centre of mass and soles of the postures that were sent: the former alone of a robot that made steps, slide
-    alone where nothing stands; nothing for a body without feet or without free root."""
+    """Balance and soles of the postures that were sent. A robot that made steps has the centre of mass alone; one that
+    does not stand has the slide alone."""
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or not robot.on_floor or not len(sent.q):
         return {}
@@ -445,32 +441,29 @@ def _standing(run: RunResult) -> Part:
     }
 
 
-def _spreads(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> dict[str, Spread]:
-    """Mean, 95th percentile and largest distance, mm, of each track that is known at all."""
-    return _spread_of(names, MM * in_blocks(lambda rows: tracking.distances(asked[rows], reached[rows]), len(asked)))
+def _spreads(names: tuple[str, ...], desired: FloatArray, actual: FloatArray) -> dict[str, Spread]:
+    """Spread of the distances, mm, of each track that is known."""
+    return _spread_of(names, MM * in_blocks(lambda rows: tracking.distances(desired[rows], actual[rows]), len(desired)))
 
 
 def _spread_of(names: tuple[str, ...], errors: FloatArray) -> dict[str, Spread]:
-    """Spread of each column of errors (T, k) that is known at all."""
+    """Spread of each column of errors (T, k) that is known."""
     spreads = {name: _spread(errors[:, column]) for column, name in enumerate(names)}
     return {name: spread for name, spread in spreads.items() if spread is not None}
 
 
 def _spread(errors: FloatArray) -> Spread | None:
-    """Of the errors that are known, of any shape; None where none is."""
+    """Spread of the finite errors, of any shape; None without any."""
     known = errors[np.isfinite(errors)]
     return Spread(float(known.mean()), float(np.percentile(known, 95)), float(known.max())) if known.size else None
 
 
-# The report of a run that the operator ended and now waits for: what costs much is measured on its last seconds only.
-
 LATEST_S = 5.0
-"""Length of a run whose distances are measured within 0.3 s on a slow core."""
+"""Length of a run, s, whose distances are measured within 0.3 s on a slow core, while an operator waits."""
 
 
 def measure_latest(run: RunResult, seconds: float = LATEST_S) -> Report:
-    """Measure as `measure` does, over the last `seconds` of the run; ticks, duration, limits and the bus are those of
-    the whole run."""
+    """Measure the last `seconds` of the run. Ticks, duration, limits and the bus are those of the whole run."""
     latest = latest_of(run, seconds)
     if latest is run:
         return measure(run)
@@ -487,7 +480,7 @@ def measure_latest(run: RunResult, seconds: float = LATEST_S) -> Report:
 
 
 def latest_of(run: RunResult, seconds: float) -> RunResult:
-    """The last `seconds` of a run; itself where it is no longer, and where it was simulated, as a whole."""
+    """The last `seconds` of a run; a shorter or simulated run is returned whole."""
     record, clip = run.record, run.clip
     first = len(record) - round(seconds / clip.dt)
     if first <= 0 or run.physics is not None:

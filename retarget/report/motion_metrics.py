@@ -1,4 +1,4 @@
-"""Limits kept, standing, calm of observers, and simulated mechanics: the numbers of a motion."""
+"""Figures of a motion: joint limits, balance, observer activity, and simulated mechanics."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -18,29 +18,27 @@ from retarget.run.record import Record
 from retarget.run.run_result import RunResult
 from retarget.types import MM, BoolArray, FloatArray
 
-# Figures of a long run in blocks of rows: a run keeps all of its rows, and a measurement needs several times as much
-# memory as the rows that it looks at.
-
 BLOCK = 256
-"""Rows that are measured together. The distances of all pairs of observers need 0.13 MB a row for a moment, so 35 MB;
-larger blocks are no faster, as they leave the processor's cache."""
+"""Rows that are measured together, which bounds the memory of a long run. The distances of all pairs of observers need
+35 MB for one block."""
 
 Array = TypeVar("Array", bound=NDArray[np.generic])
 
 
 def blocks(count: int) -> Iterator[slice]:
-    """The rows of each block of `count` rows, in their order; of no rows one empty block."""
+    """Yield the slice of each block of `count` rows, in order; one empty slice for no rows."""
     for first in range(0, max(count, 1), BLOCK):
         yield slice(first, min(first + BLOCK, count))
 
 
 def in_blocks(measured: Callable[[slice], Array], count: int) -> Array:
-    """The results of `measured` for `count` rows, (count, ...), each from itself alone. measured: takes some rows."""
+    """The results of `measured` for `count` rows, (count, ...). measured: takes a slice of rows, each measured from
+    itself alone."""
     return in_named_blocks(lambda rows: {"": measured(rows)}, count)[""]
 
 
 def in_named_blocks(measured: Callable[[slice], Mapping[str, Array]], count: int) -> dict[str, Array]:
-    """As `in_blocks`, of several arrays by name."""
+    """Like `in_blocks`, for several arrays by name."""
     whole: dict[str, Array] = {}
     for rows in blocks(count):
         for name, part in measured(rows).items():
@@ -50,17 +48,15 @@ def in_named_blocks(measured: Callable[[slice], Mapping[str, Array]], count: int
     return whole
 
 
-# The joints of a run and their limits.
-
 TOLERANCE = 1e-8
-"""A position may miss a limit by this, rad or m, before it counts; a displacement of one tick by this too, and the
-change of a displacement by twice this. It is the round-off of two programs that agree."""
+"""Round-off, rad or m, by which a position or the displacement of one tick may exceed its limit. The change of a
+displacement may exceed it by twice this."""
 
 
 @dataclass(frozen=True, eq=False)
 class MovedJoints:
-    """The joints that a run moves, in one order: positions (T, n) that were sent, rad or m; limits (n,); dt s, by which
-    their speeds are judged. Of a human alone those that are free, and the postures that were made."""
+    """The joints that a run moves: positions (T, n) that were sent, rad or m; limits (n,); dt, s, by which their speeds
+    are judged. A human alone has its free joints and its reconstructed postures."""
 
     names: tuple[str, ...]
     positions: FloatArray
@@ -83,7 +79,7 @@ def moved_joints(run: RunResult) -> MovedJoints:
 
 @dataclass(frozen=True)
 class LimitViolations:
-    """How many values, of all joints and ticks, were beyond a limit."""
+    """Number of values, over all joints and ticks, beyond a limit."""
 
     position: int
     velocity: int
@@ -93,11 +89,10 @@ class LimitViolations:
 def limit_violations(
     positions: FloatArray, limits: JointLimits, dt: float, *, from_rest: bool = True, to_rest: bool = False
 ) -> LimitViolations:
-    """Count violations in joint positions (T, n), `dt` s apart; limits (n,). The first row is where the motion starts.
+    """Count violations in joint positions (T, n), `dt` s apart; limits (n,).
 
-    from_rest: it starts there at rest; otherwise the first displacement is taken as it comes, without acceleration.
-    to_rest: it stands still after the last row, so a motion that is cut shows as a change of speed. A joint that starts
-    beyond a position limit counts only from where it has come inside.
+    from_rest: the motion begins at rest; otherwise the first displacement counts without acceleration. to_rest: it
+    stands still after the last row. A joint that begins beyond a position limit counts only after it has come inside.
     """
     counts = np.zeros(3, dtype=np.int64)
     for joint, track in enumerate(positions.T):  # one by one: a run is long, and each step of this is as large as it
@@ -114,8 +109,6 @@ def limit_violations(
 def _beyond(
     track: FloatArray, step: FloatArray, limits: JointLimits, joint: int, dt: float, tolerance: float
 ) -> tuple[BoolArray, BoolArray, BoolArray]:
-    """Whether positions (T,), displacements (s,) of one tick, and changes (s - 1,) of these are beyond the limits of a
-    joint."""
     return (
         (track < limits.lower[joint] - tolerance) | (track > limits.upper[joint] + tolerance),
         np.abs(step) > limits.max_velocity[joint] * dt + tolerance,
@@ -125,8 +118,8 @@ def _beyond(
 
 @dataclass(frozen=True)
 class BeyondLimit:
-    """share: of the ticks, those in which any joint is beyond its limit. joint: the one that is so most often, and
-    joint_share: how often; None and 0 where none is."""
+    """share: ticks in which any joint is beyond its limit. joint, joint_share: the joint that is beyond it most often,
+    and its share of ticks; None and 0 without one."""
 
     share: float
     joint: str | None
@@ -136,8 +129,8 @@ class BeyondLimit:
 def beyond_limits(
     names: tuple[str, ...], positions: FloatArray, limits: JointLimits, dt: float, *, tolerance: float
 ) -> dict[str, BeyondLimit]:
-    """How often joints are beyond limits of `position`, `velocity` and `acceleration`, by their positions (T, n), `dt`
-    s apart, T at least 3, cut from a motion. tolerance: as TOLERANCE, of the numbers of a file."""
+    """Violations of limits of `position`, `velocity` and `acceleration`. positions (T, n), T at least 3, `dt` s apart,
+    cut from a motion. tolerance: as TOLERANCE, for the precision of a file."""
     by_joint = [_beyond(track, np.diff(track), limits, joint, dt, tolerance) for joint, track in enumerate(positions.T)]
     found = {}
     for kind, flags in zip(("position", "velocity", "acceleration"), zip(*by_joint, strict=True), strict=True):
@@ -150,7 +143,7 @@ def beyond_limits(
 
 @dataclass(frozen=True)
 class Nearest:
-    """The joint that used most of its limit. value: what it did; limit: what it may do; rad, s (or m)."""
+    """The joint that used most of its limit. value, limit: rad (or m) and s."""
 
     joint: str
     value: float
@@ -158,14 +151,14 @@ class Nearest:
 
     @property
     def share(self) -> float:
-        """The value as a share of its limit."""
+        """Used share of the limit."""
         return self.value / self.limit
 
 
 @dataclass(frozen=True)
 class LimitUse:
-    """None where no joint has such a limit, or where too few ticks were sent. room: rad (or m) between a joint
-    and the limit of its position that it came nearest to, and its joint; negative: beyond."""
+    """Use of joint limits; None where no joint has such a limit, or too few ticks were sent. room: the joint that came
+    nearest to a position limit, and its distance, rad (or m), negative beyond it."""
 
     room: tuple[str, float] | None
     velocity: Nearest | None
@@ -173,8 +166,8 @@ class LimitUse:
 
 
 def limited_positions(run: RunResult) -> FloatArray:
-    """Joint positions (T, n) that keep limits: goals, after the one that was there before; of a robot that walks the
-    postures that they hold, as their offset has a bound of its own; of a human its postures."""
+    """Joint positions (T, n) that must keep limits. For a robot: the goals, after the one that was there before. For a
+    robot that walks: its postures, because their offset has a bound of its own. For a human: its postures."""
     moved, sent = moved_joints(run).positions, run.record.robot
     return moved if sent is None else np.vstack([sent.start, sent.goals if run.tally.walk is None else moved])
 
@@ -200,9 +193,8 @@ def limit_use(run: RunResult) -> LimitUse:
 
 @dataclass(frozen=True)
 class HeldBack:
-    """A limb that one limit holds back in most of the ticks that followed. limb: "left arm", ...; by: the joint that is
-    at a limit of its position, or the observer that is in contact; limit_deg: that limit, null of an observer; share:
-    of the ticks."""
+    """A limb that one limit restrains in most ticks of following. limb: "left arm", ...; by: the joint at its position
+    limit, or the observer in contact; limit_deg: that limit, null for an observer; share: of the ticks."""
 
     limb: str
     by: str
@@ -211,29 +203,30 @@ class HeldBack:
 
     @property
     def words(self) -> str:
-        """In words."""
+        """The limb, its limit and its share of ticks, in words."""
         by = f"observer {self.by}" if self.limit_deg is None else f"{self.by} at its limit of {self.limit_deg:.0f}°"
         return f"the {self.limb} is held back by {by} in {self.share:.0%} of ticks"
 
 
 HELD_BACK, AT_LIMIT = 0.5, 1e-3
-"""Share of the ticks from which on a limit holds a limb back, and rad from the limit at which a joint is at it."""
-BEYOND, NEARER_M = 0.1, 1e-3
-"""A joint at a limit holds back if so many rad more would bring landmarks nearer to where they are asked, by this much
-in all."""
-LIMBS = {"l_hand": "left arm", "r_hand": "right arm", "l_sole": "left leg", "r_sole": "right leg"}
-"""The landmark at the end of each limb."""
+"""Share of ticks in which a limit restrains a limb, and distance, rad, of a joint from its limit at which it counts as
+at it."""
+PROBE_RAD, NEARER_M = 0.1, 1e-3
+"""A joint at a limit restrains the limb if moving it by PROBE_RAD beyond the limit brings the landmarks nearer to their
+targets by NEARER_M in all."""
+LIMB_OF = {"l_hand": "left arm", "r_hand": "right arm", "l_sole": "left leg", "r_sole": "right leg"}
+"""The limb that ends at each landmark."""
 
 
 def held_back(run: RunResult) -> tuple[HeldBack, ...]:
-    """The limit that holds back each limb of a robot most often, of limbs that one holds back in `HELD_BACK` of the
-    ticks that followed, the limb that is held back most often first."""
+    """For each limb of a robot the limit that restrains it most often, if in `HELD_BACK` of the ticks or more, by
+    falling share."""
     robot, sent, rows = run.robot, run.record.robot, run.record.following
     if robot is None or sent is None or not run.ticks_followed:
         return ()
     body, found = robot.body, list[HeldBack]()
-    for landmark in (name for name in LIMBS if name in robot.profile.landmarks):
-        limb, chain = LIMBS[landmark], list(chain_to_anchor(robot, landmark))
+    for landmark in (name for name in LIMB_OF if name in robot.profile.landmarks):
+        limb, chain = LIMB_OF[landmark], list(chain_to_anchor(robot, landmark))
         tried = []
         for column, joint in enumerate(robot.joint_map.joints):
             if body.joint_index(joint) in chain:
@@ -248,20 +241,20 @@ def held_back(run: RunResult) -> tuple[HeldBack, ...]:
 
 
 def _at_limit(robot: RobotBody, sent: Record, rows: slice, column: int, sign: float) -> tuple[float, float]:
-    """A limit of a servo's joint, degrees, and the share of some rows in which it holds back. sign: -1 for the lower
-    limit, 1 for the upper one."""
+    """The limit of a servo's joint, degrees, and the share of `rows` in which it restrains the limb. sign: -1 for the
+    lower limit, 1 for the upper one."""
     limit = float((robot.limits.lower if sign < 0.0 else robot.limits.upper)[column])
     at = sign * (limit - sent.goals[rows, column]) < AT_LIMIT
     if at.mean() < HELD_BACK:
         return float(np.rad2deg(limit)), 0.0
-    frames, asked = robot.landmark_frames(sent.landmark_names), sent.landmarks_asked[rows][at]
+    frames, desired = robot.landmark_frames(sent.landmark_names), sent.landmarks_asked[rows][at]
 
     def off(by: float) -> FloatArray:
         q = sent.q[rows][at]
         q[:, robot.servo_columns[column]] += by
-        return np.asarray(np.linalg.norm(robot.points(q, frames) - asked, axis=2).sum(axis=1))
+        return np.asarray(np.linalg.norm(robot.points(q, frames) - desired, axis=2).sum(axis=1))
 
-    return float(np.rad2deg(limit)), float((off(0.0) - off(sign * BEYOND) > NEARER_M).sum() / len(at))
+    return float(np.rad2deg(limit)), float((off(0.0) - off(sign * PROBE_RAD) > NEARER_M).sum() / len(at))
 
 
 def _nearest(names: tuple[str, ...], values: FloatArray, limits: FloatArray) -> Nearest | None:
@@ -271,7 +264,7 @@ def _nearest(names: tuple[str, ...], values: FloatArray, limits: FloatArray) -> 
 
 
 def jerk_p95(positions: FloatArray, dt: float) -> float | None:
-    """95th percentile of the size of the jerk of joint positions (T, n), rad/s^3; None for fewer than four ticks."""
+    """95th percentile of the jerk of joint positions (T, n), rad/s^3; None for fewer than four ticks."""
     if len(positions) < 4 or positions.shape[1] == 0:
         return None
     sizes = np.empty((positions.shape[1], len(positions) - 3))
@@ -281,12 +274,13 @@ def jerk_p95(positions: FloatArray, dt: float) -> float | None:
 
 
 SHAKE_HZ = 6.0
-"""People move below this: it is where movement analysis cuts off (Winter, Biomechanics of Human Movement, 2009)."""
+"""Upper limit of human motion, Hz, at which movement analysis filters (Winter, Biomechanics of Human Movement, 2009).
+"""
 
 
 def shake_share(positions: FloatArray, dt: float) -> float | None:
-    """Share of the power of all joints' speeds, of positions (T, n) rad, above `SHAKE_HZ`; None where rows are too few
-    or too far apart to tell, or nothing moves."""
+    """Share of the power of joint speeds above `SHAKE_HZ`. positions (T, n) rad. None where rows are too few or too far
+    apart, or nothing moves."""
     if 0.5 / dt <= SHAKE_HZ or len(positions) * dt < 2.0 / SHAKE_HZ:
         return None
     speeds = np.diff(positions, axis=0)
@@ -296,29 +290,26 @@ def shake_share(positions: FloatArray, dt: float) -> float | None:
     return float(power[high].sum()) / whole if whole > 1e-12 else None
 
 
-# Whether a robot would stand, from the postures sent alone: centre of mass, support polygon, soles on the ground.
-#
-# The ground is z = 0. A corner of a sole supports when it is at most `CONTACT_M` above the ground.
-
 CONTACT_M = 0.005
-"""Height, m, above which a corner of a sole carries nothing."""
+"""Height, m, up to which a corner of a sole supports. The ground is z = 0."""
 OUTSIDE_M = 1e-4
-"""Distance, m, that the centre of mass may be beyond the support polygon before it counts."""
+"""Distance, m, beyond the support polygon from which the centre of mass counts as outside."""
 _DIRECTIONS = np.deg2rad(np.arange(0.0, 360.0, 2.0))
-"""Directions, rad, in which the edge of the support polygon is looked for, 2 degrees apart."""
+"""Directions, rad, in which the support polygon is bounded."""
 
 
 def tilt(orientation: FloatArray) -> FloatArray:
-    """Angle (...) rad between the z axis of a frame, with orientation (..., 4) wxyz, and the vertical."""
+    """Angle (...) rad between the vertical and the z axis of a frame with orientation (..., 4) wxyz."""
     upward = rotations.rotate(orientation, np.array([0.0, 0.0, 1.0]))
     return np.asarray(np.arccos(np.clip(upward[..., 2], -1.0, 1.0)))
 
 
 def support_margin(centre_of_mass: FloatArray, corners: FloatArray) -> FloatArray:
-    """How far (T,) m the centre of mass (T, 3) is inside the hull of the corners (T, c, 3) that touch the ground.
+    """Distance (T,) m of the centre of mass (T, 3) inside the convex hull of the corners (T, c, 3) that touch the
+    ground.
 
-    Negative: outside by that much. NaN where nothing touches. The smallest distance, over directions 2 degrees apart,
-    to the farthest corner of each direction: exact to 0.02 % of the polygon's size.
+    Negative outside, NaN where nothing touches. The smallest distance to the hull's tangents 2 degrees apart, exact to
+    0.02 % of its size.
     """
     touching = corners[..., 2] <= CONTACT_M  # (T, c)
     directions = np.stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)])
@@ -332,14 +323,14 @@ def support_margin(centre_of_mass: FloatArray, corners: FloatArray) -> FloatArra
 
 
 AT_REST_M, STEP_M = 2e-5, 2e-3
-"""A sole that moves by less than this in a tick is at rest, and one that is farther from its last place than this has
-made a step."""
+"""Motion in one tick, m, below which a sole is at rest, and distance from its last place, m, beyond which it has made a
+step."""
 
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """A robot over its k soles in T postures: com (T, 3) m; margin (T,) m, see `support_margin`; place (T, k, 3) m and
-    tilt (T, k) rad of the soles; corners (T, c, 3) m of all of them, `sizes` of them each."""
+    """A robot on k soles in T postures: com (T, 3) m; margin (T,) m, see `support_margin`; place (T, k, 3) m and tilt
+    (T, k) rad of the soles; corners (T, c, 3) m of all soles, `sizes` of them each."""
 
     com: FloatArray
     margin: FloatArray
@@ -354,7 +345,7 @@ class Standing:
         return np.split(self.corners, np.cumsum(self.sizes)[:-1], axis=1)
 
     def footprints(self) -> list[FloatArray]:
-        """Corners (c, 3) m of a sole, world, at each place where it stands: at the start, and after each step."""
+        """Corners (c, 3) m of each sole, world, at the start and after each step."""
         found = list[FloatArray]()
         for sole in self.soles:
             last = sole[0]
@@ -368,12 +359,12 @@ class Standing:
 
     @property
     def outside(self) -> BoolArray:
-        """Whether (T,) the centre of mass is beyond the edge; where nothing touches, nothing supports."""
+        """True (T,) where the centre of mass is beyond the edge, or nothing supports."""
         return np.asarray(~(self.margin >= -OUTSIDE_M))
 
 
 def standing_of(robot: RobotBody, q: FloatArray) -> Standing:
-    """A robot that stands on soles, in postures (T, nq)."""
+    """A robot on its soles, in postures (T, nq)."""
     feet = list(robot.profile.feet.values())
     frames, sizes = tuple(foot.frame for foot in feet), tuple(len(foot.polygon) for foot in feet)
     local = np.column_stack([np.concatenate([foot.polygon for foot in feet]), np.zeros(sum(sizes))])
@@ -390,12 +381,14 @@ def standing_of(robot: RobotBody, q: FloatArray) -> Standing:
 
 
 ZMP_S = 0.05
-"""The acceleration of the centre of mass is that of a parabola through what it did so long before and after, s."""
+"""Half of the window, s, in which a parabola gives the acceleration of the centre of mass."""
 
 
 def zero_moment_points(com: FloatArray, dt: float) -> FloatArray:
-    """Where (T, 2) m on the floor a centre of mass at com (T, 3) m, `dt` s apart, turns nothing over; NaN where it
-    falls freely, and at both ends. All mass is in one point: p = c - z / (g + z'') c''."""
+    """Zero-moment points (T, 2) m on the floor, NaN in free fall and at both ends. com (T, 3) m, `dt` s apart.
+
+    All mass is in one point: p = c - z / (g + z'') c''.
+    """
     half = max(round(ZMP_S / dt), 1)
     found = np.full((len(com), 2), np.nan)
     if len(com) <= 2 * half:
@@ -412,8 +405,8 @@ def zero_moment_points(com: FloatArray, dt: float) -> FloatArray:
 
 
 def foot_slide(place: FloatArray, lowest: FloatArray) -> float:
-    """How far (m) a sole's centre got, at most, from where it touched the ground, while it touched. place (T, 3) m of
-    the sole; lowest (T,) m, height of its lowest corner."""
+    """Largest distance, m, of a sole from its touchdown while it touches. place (T, 3) m of the sole; lowest (T,) m,
+    height of its lowest corner."""
     slide = 0.0
     for first, last in spans(np.asarray(lowest <= CONTACT_M)):
         on_ground = place[first:last, :2]
@@ -422,20 +415,18 @@ def foot_slide(place: FloatArray, lowest: FloatArray) -> float:
 
 
 def spans(flags: BoolArray) -> list[tuple[int, int]]:
-    """First row, and the one after the last, of each run of rows (T,) that are true."""
+    """First row, and the one after the last, of each run of true rows (T,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 
 
-# How calm and how busy collision observers were, from their modes at every tick.
-
 REACTIVE = 2
-"""Mode of an observer that pushes its part out; 0: nothing is near, 1: the approach is damped."""
+"""Mode of an observer that moves its part away; 1: it damps the approach; 0: nothing is near."""
 
 
 @dataclass(frozen=True)
 class ModeSwitches:
-    """Changes of mode per second: mean over the observers, and of the worst one, by name; None: none changed."""
+    """Changes of mode per second: mean over the observers, and the worst one with its name; None: none changed."""
 
     mean: float
     worst: float
@@ -443,8 +434,8 @@ class ModeSwitches:
 
 
 def observer_activity(modes: NDArray[np.uint8], names: tuple[str, ...], dt: float) -> tuple[ModeSwitches, float] | None:
-    """The changes of the modes (T, n) of observers, `dt` s apart, and the share of ticks in which any pushes its part
-    out; None without ticks or observers."""
+    """Changes of the observer modes (T, n), `dt` s apart, and the share of ticks with any in contact; None without
+    ticks or observers."""
     ticks, count = modes.shape
     if count != len(names):
         raise ValueError(f"{len(names)} names for {count} observers")
@@ -458,14 +449,12 @@ def observer_activity(modes: NDArray[np.uint8], names: tuple[str, ...], dt: floa
     return switches, float((modes == REACTIVE).any(axis=1).mean())
 
 
-# What the report says of the simulated mechanics of a run.
-
 HEAT_MODEL = "stated, calibrated on no hardware"
 
 
 @dataclass(frozen=True)
 class TorqueSpread:
-    """Size of a servo's torque over a run, N m."""
+    """Absolute torque of a servo over a run, N m."""
 
     p95: float
     max: float
@@ -473,13 +462,13 @@ class TorqueSpread:
 
 @dataclass(frozen=True)
 class PhysicsReport:
-    """A run of a robot with mass.
+    """A simulated run of a robot with mass.
 
-    fallen_at_s: on the run's time; how: in words. toppled: what a robot at rest did without torque, if it did not stay
-    sitting. min_zmp_margin_mm: least distance of the centre of pressure from the edge of the soles that carried; None
-    of a robot that walked. foot_slip_mm: way of each sole while it carried, and `total`. sole_tilt_max_deg: of a sole
-    that carried. torque_nm, temperature_c (hottest): per servo. self_contacts, fixture_contacts: ticks with any.
-    realtime_factor: time of the clip by the wall time that it took; null: nothing was followed.
+    fallen_at_s: on the run's time; how: in words. toppled: fall of a robot at rest without torque. min_zmp_margin_mm:
+    least distance of the centre of pressure from the edge of the loaded soles; None if the robot walked. foot_slip_mm:
+    slip of each loaded sole, and `total`. sole_tilt_max_deg: of a loaded sole. torque_nm, temperature_c (hottest): per
+    servo. self_contacts, fixture_contacts: ticks with any. realtime_factor: clip time over wall time; null: nothing was
+    followed.
     """
 
     mount: str
@@ -501,11 +490,11 @@ class PhysicsReport:
 
 
 def physics_report(run: RunResult) -> PhysicsReport | None:
-    """The physics part of a run's report; None where nothing has mass."""
+    """The physics part of the report; None without simulated mass."""
     physics, robot = run.physics, run.robot
     if physics is None or robot is None:
         return None
-    # Soles that a walking robot lifts or puts down press on an edge.
+    # A walking robot loads the edges of its soles.
     walks = run.tally.walk is not None and run.tally.walk.steps > 0
     fall, margin = physics.fall, None if walks else physics.least_margin
     slip = dict(zip(robot.profile.feet, (MM * physics.slip).tolist(), strict=True))

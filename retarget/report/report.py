@@ -1,4 +1,4 @@
-"""The report of a run: its keys are a contract for everyone who reads it. What is not known is null, never invented."""
+"""The report of a run. Its keys are a contract; unknown values are null."""
 
 import json
 import math
@@ -20,7 +20,7 @@ DIGITS = 6
 
 @dataclass(frozen=True)
 class Spread:
-    """Errors over a run, in the unit that the key names."""
+    """Errors over a run, in the unit of the key."""
 
     mean: float
     p95: float
@@ -29,7 +29,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class BothMoved:
-    """The same of performer and robot; null where it is not known."""
+    """A figure of performer and robot; null where it is not known."""
 
     performer: float | None
     robot: float | None
@@ -47,7 +47,7 @@ class Percentiles:
 @dataclass(frozen=True)
 class Clearances:
     """Smallest distances, mm, negative inside. self: between links of the robot. scene: to fixtures. ground: of links
-    without a sole to what the robot stands on."""
+    without a sole."""
 
     self: float | None
     scene: float | None
@@ -56,7 +56,7 @@ class Clearances:
 
 @dataclass(frozen=True)
 class ServoExtreme:
-    """The servo of this joint had the most, or the least, of all ticks."""
+    """The servo with the largest, or smallest, value of all ticks."""
 
     joint: str
     value: float
@@ -64,10 +64,8 @@ class ServoExtreme:
 
 @dataclass(frozen=True)
 class HeatReport:
-    """The servo of those that carry the robot that will be warm first, at the end of the run, if it went on so.
-
-    temperature, at: degrees Celsius, and from which on it warns; per_minute: degrees; left_min: null where it stays
-    cooler."""
+    """The load-bearing servo that gets warm first if the run goes on. temperature, at: now and at its warning, degrees
+    Celsius; per_minute: degrees; left_min: null if it stays cooler."""
 
     joint: str
     temperature: float
@@ -78,11 +76,11 @@ class HeatReport:
 
 @dataclass(frozen=True)
 class BusReport:
-    """rate_hz: ticks per second, measured on the bus's clock, null where it was not. cycle_ms: wall time of a tick.
+    """rate_hz: ticks per second on the bus's clock. cycle_ms: wall time of a tick.
 
-    faults: servos silent or alarmed, and a bus that died. longest_period_ms: between two ticks, on the bus's clock;
-    missed_ticks: deadlines that passed without one. retries: requests that had to be repeated. hottest degrees Celsius,
-    lowest_voltage V, null where no servo reported one. warms: of those that carry the robot, null in the first minute.
+    faults: silent or alarmed servos, and bus failures. longest_period_ms: between two ticks; missed_ticks: deadlines
+    without one. retries: repeated requests. hottest: degrees Celsius; lowest_voltage: V. warms: null in the first
+    minute. Null: not measured.
     """
 
     rate_hz: float | None
@@ -98,7 +96,7 @@ class BusReport:
 
 @dataclass(frozen=True)
 class StopReport:
-    """How the run ended. state: the guard's, null where there is none; reason: why it ended early, else null."""
+    """The end of the run. state: the guard's; reason: of an early end, else null."""
 
     state: str | None
     reason: str | None
@@ -106,8 +104,8 @@ class StopReport:
 
 @dataclass(frozen=True)
 class DeepReport:
-    """frames: ticks of `penetrating_frames` that go deeper than 1 mm. obstacle: the link and the obstacle of the scene
-    clearance; ground: those of the ground clearance."""
+    """frames: ticks of `penetrating_frames` deeper than 1 mm. obstacle, ground: the pairs of the scene and ground
+    clearances."""
 
     frames: int | None
     obstacle: tuple[str, str] | None
@@ -116,14 +114,14 @@ class DeepReport:
 
 @dataclass(frozen=True)
 class ObserversReport:
-    """reactive_share: of the ticks that followed, those in which one was in contact."""
+    """reactive_share: of the ticks that followed, those with an observer in contact."""
 
     reactive_share: float
 
 
 @dataclass(frozen=True)
 class Soles:
-    """Worst of all soles over the run. height_mm: distance from the ground; tilt_deg: from being flat."""
+    """Worst of all soles over the run. height_mm: distance from the ground; tilt_deg: from flat."""
 
     height_mm: float
     tilt_deg: float
@@ -131,8 +129,8 @@ class Soles:
 
 @dataclass(frozen=True)
 class ImuReport:
-    """The link of the IMU by what it measured. tilt_deg: from the vertical, at most; off_plan_deg: of its vertical from
-    that in the posture that was sent. invalid: ticks without a valid measurement."""
+    """Measurements of the IMU. tilt_deg: largest tilt of its link from the vertical; off_plan_deg: from its tilt in the
+    posture that was sent. invalid: ticks without a valid measurement."""
 
     tilt_deg: float
     off_plan_deg: Spread | None
@@ -153,44 +151,44 @@ class Unfollowed:
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """One run. Keys up to `stop` are stable; those after it say more and may grow.
+    """One run. Keys up to `stop` are stable; later ones may grow.
 
-    In physics, likeness, hands, heights, paths, travel and turns are those of the simulated body. Figures that compare
-    with the performer are of the ticks that followed, lag included.
+    Physics, likeness, hands, heights, paths, travel and turns are those of the simulated body, if there is one. Figures
+    that compare with the performer count the ticks of following, lag included.
     """
 
     frames: int
-    """Frames of the source that were played."""
+    """Source frames played."""
     ticks: int
     """Ticks of the bus."""
     duration_s: float
-    """Seconds to the end, braking and the path to rest included."""
+    """Seconds, with braking and the rest trajectory."""
     rate_hz: float
-    """Ticks per second of the robot."""
+    """Ticks per second."""
     frames_per_s: float
-    """Source frames per second of wall time in the loop."""
+    """Source frames per second of wall time."""
     solve_us: Percentiles
     """Thread CPU per tick, both stages."""
     reconstruct_us: Percentiles
-    """Thread CPU per tick, the human's stage."""
+    """Thread CPU per tick, human stage."""
     retarget_us: Percentiles | None = None
-    """Thread CPU per tick, the robot's stage."""
+    """Thread CPU per tick, robot stage."""
     tracking_mm: dict[str, Spread]
-    """Landmarks of a robot against their targets at the same tick; joints of a human against sensors."""
+    """Landmarks of a robot to their targets at the same tick; joints of a human to sensors."""
     lag_s: float | None
-    """Delay at which targets and landmarks correlate best; null of a run that is too short."""
+    """Delay with the highest correlation of targets and landmarks; null for a short run."""
     hand_path_ratio: float | None = None
-    """Length of the hands' paths over that of their targets: a frozen robot shows 0."""
+    """Length of the hands' paths over that of their targets; 0 for a frozen robot."""
     pelvis_excursion_ratio: float | None = None
-    """The same ratio for the pelvis."""
+    """Range of the pelvis height over that of its target."""
     unsensed_mm: dict[str, float] | None = None
-    """Joints without a sensor, against the recorded body."""
+    """Joints without a sensor, to the recorded body."""
     min_clearance_mm: Clearances
     """Smallest distances on the body file's own geoms, by MuJoCo."""
     penetrating_frames: int | None
-    """Ticks in which links overlap each other, an obstacle or the floor by more than 1 um."""
+    """Ticks with overlaps of links, obstacles or the floor by more than 1 um."""
     gated_frames: int | None = None
-    """Ticks in which the gate sent something else."""
+    """Ticks in which the gate changed the goal."""
     limit_violations: LimitViolations
     """Values beyond a limit by more than `motion_metrics.TOLERANCE`, by finite differences of the goals."""
     priority_violation_max: float | None
@@ -198,54 +196,54 @@ class Report:
     com_outside_support_frames: int | None = None
     """Ticks with the centre of mass outside the hull of the soles."""
     foot_slide_mm: float | None = None
-    """Farthest slide of a sole while it touched."""
+    """Largest slide of a touching sole."""
     jerk_p95: float | None
     """Jerk of joints, rad/s^3."""
     fallen: bool | None = None
     """True if the robot fell in the simulation; null without one."""
     mode_switches_per_s: ModeSwitches | None = None
-    """Changes of mode of observers, mean and worst."""
+    """Changes of observer modes, mean and worst."""
     bus: BusReport | None
     """Rate, periods, retries and faults of the bus; the hottest servo and the lowest voltage."""
     stop: StopReport
-    """Last state of the run, and the reason of a stop."""
+    """Last state, and the reason of a stop."""
     sensors_mm: dict[str, Spread]
-    """Joints of the reconstructed human against their sensors."""
+    """Joints of the reconstructed human to their sensors."""
     servo_tracking_mm: dict[str, Spread] | None = None
-    """As `tracking_mm`, of where the servos were."""
+    """Like `tracking_mm`, at measured servo positions."""
     servo_error_deg: dict[str, Spread] | None = None
     """Distance of each servo from the goal of the tick before."""
     no_command_frames: int | None = None
-    """Ticks without a goal, in which the gate braked; not among `gated_frames`."""
+    """Ticks without a goal, in which the gate braked; not in `gated_frames`."""
     likeness_deg: dict[str, Spread] | None = None
     """Angles between limbs of robot and performer: upper arms, forearms, thighs, shanks."""
     trunk_lean_deg: Spread | None = None
-    """Angle between the leans of the trunks of robot and performer."""
+    """Angle between the leans of both trunks."""
     likeness_recorded_deg: dict[str, Spread] | None = None
-    """The same limbs and `trunk_lean` against the recorded body; null where the file does not know it whole."""
+    """Limbs and `trunk_lean` against the recorded body; null if it is incomplete."""
     legs_away_s: dict[str, float] | None = None
-    """Longest time that each thigh and shank was more than 45 degrees off, from the recorded body where it is known."""
+    """Longest time of each thigh and shank more than 45 degrees off, to the recorded body if it is known."""
     pelvis_height_mm: Spread | None = None
-    """Height of the pelvis above or below its target."""
+    """Error of the pelvis height."""
     best_likeness_deg: dict[str, Spread] | None = None
-    """Likeness of arms and `trunk_lean` at the best posture of each instant that limits and self-collision allow; null
-    where it was not asked for."""
+    """Likeness of arms and `trunk_lean` in the best postures that limits and self-collision allow; null without the
+    option."""
     travelled_m: BothMoved
     """Diagonal of the ground that the pelvis covers."""
     turned_deg: BothMoved
-    """Range of the heading, which is low-passed."""
+    """Range of the low-passed heading."""
     foot_path_ratio: float | None = None
     """Length of the feet's paths over the performer's."""
     reachable_hands_mm: dict[str, float] | None = None
-    """Mean error of each hand, seen from its shoulder, of both, and of the worse, in ticks in which the arm is long
-    enough to reach its target from the planned torso."""
+    """Mean error of each hand, seen from its shoulder, of both, and of the worse, in ticks with the target within reach
+    of the arm."""
     reachable_share: dict[str, float] | None = None
     """Share of such ticks among those that followed."""
     hands_away_s: dict[str, float] | None = None
-    """Longest time that each hand was more than 150 mm off in such ticks."""
+    """Longest time of each hand more than 150 mm off in such ticks."""
     unfollowed: tuple[Unfollowed, ...] | None
-    """Postures of the performer that the robot cannot take, with their times, from the recorded body where it is known;
-    null of a robot that does not stand on planted soles, or whose legs do not follow."""
+    """Postures of the performer that the robot cannot take, with times; null for a robot that does not stand on planted
+    soles, or whose legs do not follow."""
     com_margin_mm: float | None = None
     """Smallest distance of the centre of mass from the edge of the soles."""
     soles: Soles | None = None
@@ -253,29 +251,29 @@ class Report:
     closest_links: tuple[str, str] | None
     """The links that came closest."""
     refused_pair: RefusedPair | None = None
-    """Links, or link and obstacle, for which the gate refused goals in most ticks; null where it refused none."""
+    """The pair for which the gate refused most goals; null: none."""
     presses: Presses | None = None
-    """Times that the robot held because it pressed against something, and the greatest press; null: it did not."""
+    """Number of holds because the robot pressed against something, and the greatest press; null: none."""
     held_back: tuple[HeldBack, ...] = ()
-    """Limbs that a joint at its limit, or an observer in contact, holds back in most ticks, and which one."""
+    """Limbs restrained in most ticks by a joint limit or an observer in contact."""
     deep: DeepReport
-    """Overlaps of more than 1 mm, and the links of the other clearances."""
+    """Overlaps of more than 1 mm, and the pairs of the other clearances."""
     observers: ObserversReport | None = None
-    """Share of ticks in which an observer was in contact."""
+    """Share of ticks with an observer in contact."""
     physics: PhysicsReport | None
     """Falls in the simulation, `toppled` at rest, centre of pressure, slip, torque, temperature."""
     imu: ImuReport | None = None
     """Tilt by the IMU; null without one."""
     walk: WalkTally | None = None
-    """Steps of a robot that makes some."""
+    """Steps of a walking robot."""
     strategies: dict[str, float] | None = None
-    """Time, s, with each strategy by which hands get to their places; null of a robot that chooses none."""
+    """Time, s, with each strategy of the hands; null without any."""
     live: LiveReport | None
-    """Frames of a stream, dropped ones with reasons, lost sensors, holds; null of a file."""
+    """Frames of a stream, dropped ones with reasons, lost sensors, holds; null for a file."""
     latency_ms: dict[str, TimePercentiles] | None
-    """Delay of a hand's motion on its path to the shafts, by stage, see `retarget.report.latency`."""
+    """Latency from hand to shaft by stage, see `retarget.report.latency`."""
     hand_to_shaft_ms: TimePercentiles | None
-    """Delay of the whole path."""
+    """Whole latency."""
     robot: str
     """Robot of the run."""
     source: str
@@ -287,11 +285,11 @@ class Report:
     speed: float
     """1 is the performer's."""
     notes: tuple[str, ...]
-    """Guesses, warnings, and what was left out."""
+    """Guesses, warnings, and omissions."""
 
     @property
     def lag_ms(self) -> float | None:
-        """The lag of a robot, ms; None of a human alone."""
+        """The lag of a robot, ms; None for a human alone."""
         return None if self.robot == HUMAN or self.lag_s is None else 1e3 * self.lag_s
 
     def as_json(self) -> str:
@@ -300,13 +298,13 @@ class Report:
 
 
 def write_report(report: Report, path: Path) -> None:
-    """Write a report, whole or not at all, into its folder, made if need be. Raises UsageError if that cannot be."""
+    """Write a report, whole or not at all, and make its folder. Raises UsageError."""
     make_folder(path.parent, option="--report")
     write_atomic(path, report.as_json().encode(), option="--report")
 
 
 def plain(value: Any) -> Any:
-    """Data for JSON: dataclasses as objects, numbers rounded, null for what is not finite."""
+    """Data for JSON: dataclasses as objects, rounded numbers, null for non-finite ones."""
     if is_dataclass(value):
         return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, dict):

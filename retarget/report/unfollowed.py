@@ -1,6 +1,6 @@
 """Postures that a robot on planted soles cannot take: kneeling, lying or sitting on the floor, jumping.
 
-`unfollowed_of` finds them in a run that is over, `UnfollowedNotice` names them while they happen.
+`unfollowed_of` finds them in a finished run, `UnfollowedNotice` reports them during one.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,55 +22,54 @@ from retarget.types import BoolArray, FloatArray, News, Notify
 
 KNEELS, ON_FLOOR, JUMPS = "kneels", "lies or sits on the floor", "jumps"
 INSTEAD: Mapping[str, str] = {KNEELS: "squats", ON_FLOOR: "squats", JUMPS: "stays on its soles"}
-"""The posture that the robot takes instead."""
+"""The posture of the robot meanwhile."""
 JOINTS = (*(f"{side}_{part}" for part in ("hip", "knee", "ankle", "toe") for side in "lr"), "neck")
-"""Joints of the performer that show it."""
 
 LEAST_S = 0.3
-"""Shortest time, s, that is named. A stumble is over sooner, and a robot cannot squat and rise again in less. Shorter
-breaks do not end a posture on the floor."""
+"""Shortest posture, s, that is reported, because a robot cannot squat and rise again in less. Shorter breaks do not end
+a posture on the floor."""
 FLOOR_PERCENTILE = 5.0
-"""Standing height is this percentile, %, of the height of the lower foot over the run: recordings and trackers have the
-floor anywhere, and a few bad frames may be lower."""
+"""Percentile of the height of the lower foot over the run at which the floor lies. Sources have the floor anywhere, and
+bad frames may be lower."""
 KNEE_SHARE = 0.12
-"""Height of a knee above standing ankles, as a share of the leg: about 0.1 m. A knee on the floor is 0.03 m below them
-to 0.03 m above; that of the deepest squat is 0.3 m above."""
+"""Height of a kneeling knee above standing ankles, as a share of the leg: about 0.1 m. It is up to 0.03 m on the floor,
+and 0.3 m in the deepest squat."""
 HIP_SHARE = 0.12
-"""The same of the lower hip. One who sits or lies has it 0.05 m above standing ankles. One who squats with thighs on
-the shanks, or sits on the heels, has it 0.13 m above them or more."""
+"""The same for the lower hip of a performer on the floor: 0.05 m when sitting or lying, 0.13 m or more in a deep squat
+or on the heels."""
 FOOT_SHARE = 0.04
-"""Height of ankles and toes above where they stand, as a share of the leg: 0.03 m. Shoes, noise and the roll of a foot
-are less."""
+"""Height of ankles and toes above the standing ones in a jump, as a share of the leg: 0.03 m, more than shoes, noise
+and the roll of a foot."""
 FALLING = 0.5
-"""Least curve of the hips' path in a jump, as a share of free fall's. Arms and legs that swing take a part of it. A
-performer who stands on a step, sits or is lifted with the feet up shows none."""
+"""Least acceleration of the hips in a jump, as a share of gravity, because swinging arms and legs take part of it. A
+performer on a step, on a seat or lifted shows none."""
 UPRIGHT = 0.5
-"""Least share of the trunk's length by which the neck is above the hips: within 60 degrees of upright. On all fours a
-trunk is level, in a cartwheel it is upside down."""
+"""Least height of the neck above the hips, as a share of the trunk: within 60 degrees of upright. It excludes a crawl
+and a cartwheel."""
 
 
-def unfollowed_of(run: RunResult, asked: ReferenceMotion | None) -> tuple[Unfollowed, ...] | None:
-    """The postures of a run that its robot could not follow, in the order of their time; None for a robot without
-    planted soles, or whose legs do not follow.
+def unfollowed_of(run: RunResult, reference: ReferenceMotion | None) -> tuple[Unfollowed, ...] | None:
+    """The postures of a run that its robot could not follow, by time; None for a robot without planted soles, or whose
+    legs do not follow.
 
-    The performer is the recorded body where the file knows all `JOINTS`, else the reconstructed one.
+    The performer is the recorded body where the file has all `JOINTS`, else the reconstructed one.
     """
     rows = run.record.following
-    if asked is None or run.robot is None or not run.robot.stands or run.setup.parts != "whole":
+    if reference is None or run.robot is None or not run.robot.stands or run.setup.parts != "whole":
         return None
-    columns = [asked.joint_names.index(name) for name in JOINTS]
-    truth, joints = run.truth_of(JOINTS, rows), asked.joints[rows][:, columns]
+    columns = [reference.joint_names.index(name) for name in JOINTS]
+    truth, joints = run.truth_of(JOINTS, rows), reference.joints[rows][:, columns]
     if truth is not None and np.isfinite(truth).any(axis=(0, 2)).all():
         joints = truth
     time = run.record.time[rows]
-    found = unfollowed(joints, leg_length(asked.dimensions), run.clip.motion_dt)
+    found = unfollowed(joints, leg_length(reference.dimensions), run.clip.motion_dt)
     named = [Unfollowed(what, float(time[first]), float(time[last])) for what, first, last in found]
     return tuple(sorted(named, key=lambda one: one.from_s))
 
 
 def unfollowed(joints: FloatArray, leg: float, dt: float) -> Iterator[tuple[str, int, int]]:
-    """Each posture with its first and last row. joints (T, m, 3) m: those of `JOINTS`; leg: m; dt: s of the performer's
-    time between rows."""
+    """Yield each posture with its first and last row. joints (T, m, 3) m: those of `JOINTS`; leg: m; dt: s of the
+    performer's time between rows."""
     heights = _heights(joints)
     if not np.isfinite(heights.ankle).any():
         return
@@ -91,8 +90,8 @@ def unfollowed(joints: FloatArray, leg: float, dt: float) -> Iterator[tuple[str,
 
 @dataclass(frozen=True, eq=False)
 class _Heights:
-    """Heights (T,) m of the lower ankle, toe, hip and knee, and of the middle of the hips. upright (T,): of the
-    trunk."""
+    """Heights (T,) m of the lower ankle, toe, hip and knee, and of the middle of the hips. upright (T,): true where the
+    trunk is."""
 
     ankle: FloatArray
     toe: FloatArray
@@ -112,8 +111,8 @@ def _heights(joints: FloatArray) -> _Heights:
 
 
 def _seen(heights: _Heights, floor: float, toes_floor: float, leg: float) -> tuple[Mapping[str, BoolArray], BoolArray]:
-    """The rows (T,) of each posture on the floor, by its name, and those with both feet off it. floor, toes_floor:
-    heights, m, of ankles and toes of a foot that stands. leg: m."""
+    """Rows (T,) of each posture on the floor, and those with both feet off it. floor, toes_floor: heights, m, of ankles
+    and toes of a standing foot. leg: m."""
     on_floor = heights.hip - floor < HIP_SHARE * leg
     kneels = (heights.knee - floor < KNEE_SHARE * leg) & heights.upright & ~on_floor
     off = (heights.ankle - floor > FOOT_SHARE * leg) & (heights.toe - toes_floor > FOOT_SHARE * leg)
@@ -121,27 +120,24 @@ def _seen(heights: _Heights, floor: float, toes_floor: float, leg: float) -> tup
 
 
 def _is_jump(hips: Sequence[float] | FloatArray, dt: float) -> bool:
-    """True if the hips, (T,) m, fall freely for about as long as a jump takes. dt: s between rows."""
+    """True if the hips, (T,) m at rows `dt` s apart, fall freely for about as long as a jump takes."""
     lasts, bulge = (len(hips) - 1) * dt, float(np.mean(hips)) - 0.5 * (hips[0] + hips[-1])
     free_fall = GRAVITY * lasts**2 / 12.0  # mean of g t (T - t) / 2 over T
     return LEAST_S <= lasts <= LONGEST_FLIGHT_S and bool(bulge > FALLING * free_fall)
 
 
 FLOOR_M_S = 0.4
-"""Speed with which the height of a foot that stands is found: up by 2 cm/s, as a foot rises with each step, and down by
-38 cm/s."""
+"""Speed of the estimate of the floor: up by 2 cm/s, as a foot rises with each step, and down by 38 cm/s."""
 AGAIN_S = 10.0
-"""A posture is not named again before so many s: one that comes again and again is known."""
+"""Least time, s, between two reports of a posture."""
 
 
 class UnfollowedNotice:
-    """Names a posture that the robot does not follow while it happens; called with every row of a run.
-
-    The performer is the reconstructed one. A jump is named when it is over.
-    """
+    """Reports a posture that the robot does not follow while it happens, a jump when it is over. It is called with
+    every row of a run."""
 
     def __init__(self, dimensions: HumanDimensions, *, dt: float, notify: Notify) -> None:
-        """dimensions: of the performer. dt: s of the performer's time between rows."""
+        """dt: s of the performer's time between rows."""
         self._columns = [POINTS.index(name) for name in JOINTS]
         self._leg, self._dt, self._notify = leg_length(dimensions), dt, notify
         self._floors: tuple[float, float] | None = None
@@ -149,7 +145,7 @@ class UnfollowedNotice:
         self._time, self._named = 0.0, dict.fromkeys(INSTEAD, -inf)  # [s]
 
     def __call__(self, record: Record, row: int) -> None:
-        """Look at a row that was filled."""
+        """Look at a filled row."""
         if record.phase[row] != Phase.FOLLOW:
             return
         heights = _heights(record.human_joints[row : row + 1, self._columns])
@@ -170,17 +166,17 @@ class UnfollowedNotice:
             self._flight.clear()
 
     def _risen(self, floor: float, foot: float) -> float:
-        """The height of a foot that stands, a row later: a running estimate of the percentile."""
+        """Height of a standing foot, a row later: a running estimate of the percentile."""
         share = 0.01 * FLOOR_PERCENTILE
         return floor + FLOOR_M_S * self._dt * (share if foot > floor else share - 1.0)
 
     def _name(self, what: str) -> None:
-        """Name a posture once while it lasts, and not again too soon after it."""
+        """Report a posture once while it lasts, and not again within AGAIN_S."""
         if self._time - self._named[what] > AGAIN_S:
             self._notify(News(f"the performer {what}: the robot {INSTEAD[what]} instead"))
         self._named[what] = self._time
 
 
 def leg_length(dimensions: HumanDimensions) -> float:
-    """Length of thigh and shank, m: the mean of both legs."""
+    """Mean length of both legs, thigh and shank, m."""
     return 0.5 * sum(dimensions.length(f"{side}_{part}") for side in "lr" for part in ("knee", "ankle"))

@@ -16,8 +16,8 @@ from retarget.errors import UsageError
 from retarget.recording.cdr import layout_of
 from retarget.recording.cycles import Done
 from retarget.recording.mcap_writer import (
-    Event,
-    Level,
+    LogEvent,
+    LogLevel,
     RecordingFile,
     Ring,
     WritingThread,
@@ -30,8 +30,8 @@ from retarget.recording.topics import TICK, Topic, topics
 LOG = "rcl_interfaces/msg/Log"
 
 
-def event(text: str, *, cycle: int = 3) -> Event:
-    return Event(1.0, cycle, Level.WARN, "guard", text)
+def event(text: str, *, cycle: int = 3) -> LogEvent:
+    return LogEvent(1.0, cycle, LogLevel.WARN, "guard", text)
 
 
 def test_any_text_can_be_kept() -> None:
@@ -135,14 +135,14 @@ def test_who_may_wait_loses_nothing() -> None:
 
     def takes() -> None:
         while len(seen) < 500:
-            ring.wanted.wait(5.0)
-            ring.wanted.clear()
+            ring.due.wait(5.0)
+            ring.due.clear()
             seen.extend(ring.take().index.tolist())
 
     taker = threading.Thread(target=takes, daemon=True)
     taker.start()
     fill(ring, 500)
-    ring.wanted.set()
+    ring.due.set()
     taker.join(10.0)
     assert seen == list(range(500)) and ring.lost == 0
 
@@ -159,7 +159,7 @@ class Begun:
     """A ring, events and the thread that takes them; not started."""
 
     def __init__(self, path: Path, session: Session, made: list[Topic]) -> None:
-        self.ring, self.events = Ring(FEW_WIDTHS, rows=64), deque[Event]()
+        self.ring, self.events = Ring(FEW_WIDTHS, rows=64), deque[LogEvent]()
         self.file = RecordingFile(path, session, [])
         self.file.announce(made)
         self.thread = WritingThread(self.file, self.ring, self.events, made, lambda time: round(time * 1e9))
@@ -174,7 +174,7 @@ class Begun:
 def test_all_that_was_finished_is_in_the_file_in_order(tmp_path: Path, session: Session, made: list[Topic]) -> None:
     begun = Begun(tmp_path / "a.mcap", session, made)
     begun.fill(40)
-    begun.events.append(Event(0.105, 10, Level.INFO, "run", "hello"))
+    begun.events.append(LogEvent(0.105, 10, LogLevel.INFO, "run", "hello"))
     begun.thread.start()
     begun.thread.close()
     begun.thread.close()

@@ -19,7 +19,7 @@ from retarget.errors import InputError
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
 from retarget.recording.configs import as_recorded
-from retarget.recording.cycles import Asked, Done
+from retarget.recording.cycles import Done, InputFlag
 from retarget.recording.reading import Recording, read_recording
 from retarget.recording.recorder import Recorder
 from retarget.recording.replay import (
@@ -27,10 +27,10 @@ from retarget.recording.replay import (
     RecordedInputs,
     RecordedSamples,
     Replayed,
+    environment_changes,
     goal_difference,
     posture_difference,
     replay,
-    what_computes,
 )
 from retarget.recording.topics import IMU, STICK
 from retarget.robot.walking.pattern import Request
@@ -146,7 +146,7 @@ class Fallen(Operator):
     def __init__(self, *, fails: bool = False) -> None:
         self._ticks, self._fails = iter(range(10_000)), fails
 
-    def ask(self, state: RunState | None) -> OperatorInput:
+    def poll(self, state: RunState | None) -> OperatorInput:
         if next(self._ticks) != 70:
             return OperatorInput()
         if self._fails:
@@ -160,7 +160,7 @@ class Steers(Operator):
     def __init__(self) -> None:
         self._ticks = iter(range(10_000))
 
-    def ask(self, state: RunState | None) -> OperatorInput:
+    def poll(self, state: RunState | None) -> OperatorInput:
         walks = state is RunState.FOLLOW and next(self._ticks) < 300
         return OperatorInput(velocity=Request(0.07, -0.0123, 0.1) if walks else Request())
 
@@ -228,7 +228,7 @@ def test_a_live_run_with_a_hold_is_reproduced(tmp_path: Path) -> None:
         result = recorded.run(Asks(pauses), [recorder.observer])
     found = read_recording(tmp_path / "run.mcap")
     assert (found.cycles.sampled == 2).any()
-    assert np.count_nonzero(found.cycles.asked & Asked.PAUSED) == 40
+    assert np.count_nonzero(found.cycles.asked & InputFlag.PAUSED) == 40
     shows(rig.said)
     same(replay(found), result)
 
@@ -291,7 +291,7 @@ def test_servos_are_as_far_from_their_goals_as_they_were(plain: Recorded) -> Non
 def test_lost_cycles_are_not_those_before_them(plain: Recorded) -> None:
     whole = plain.read()
     cycles = whole.cycles[np.delete(np.arange(len(whole.cycles)), [3, 4])]
-    cycles.asked[2] |= Asked.STOP
+    cycles.asked[2] |= InputFlag.STOP
     found = with_cycles(whole, cycles)
     inputs = RecordedInputs(found, RecordedSamples(found))
     inputs.read()
@@ -303,8 +303,8 @@ def test_lost_cycles_are_not_those_before_them(plain: Recorded) -> None:
 
 def test_another_version_is_named(plain: Recorded) -> None:
     session = plain.read().session
-    assert what_computes(session) == ()
-    (note,) = what_computes(session.model_copy(update={"version": "0.0.1"}))
+    assert environment_changes(session) == ()
+    (note,) = environment_changes(session.model_copy(update={"version": "0.0.1"}))
     shows(note, "0.0.1", retarget.__version__, varies=retarget.__version__)
 
 
@@ -342,7 +342,7 @@ def test_a_run_whose_robot_still_stood_on_a_real_bus_is_over_with_its_last_cycle
 def test_a_recording_that_breaks_off_while_paused_is_over_with_its_last_cycle(plain: Recorded) -> None:
     found = plain.read()
     cycles = found.cycles[np.arange(60)]
-    cycles.asked[-1] = Asked.PAUSED
+    cycles.asked[-1] = InputFlag.PAUSED
     again = replay(with_cycles(found, cycles))
     assert len(again.result.record) < 200 and not again.difference.absent
 

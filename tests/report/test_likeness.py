@@ -5,7 +5,7 @@ import pytest
 
 from followers import DT, follower, op3, performance, performer, postures
 from retarget.ik.support_polygon import plant
-from retarget.report.likeness import LEAN, LIMBS, arm_clearance, best_angles, best_postures, legs_away, limb_angles
+from retarget.report.likeness import LEAN, LIMB_ENDS, arm_clearance, best_angles, best_postures, legs_away, limb_angles
 from retarget.report.tracking import EVERY, ReferenceMotion, hands_from_shoulders
 from retarget.robot.arm_branches import arm_postures
 from retarget.types import FloatArray
@@ -25,7 +25,7 @@ def followed(priorities: str, *, held: int = 0) -> tuple[ReferenceMotion, FloatA
 def test_a_limb_that_is_turned_is_off_by_its_angle() -> None:
     asked, q, _ = followed("servo")
     found = limb_angles(op3(), q, asked)
-    assert set(found) == {*LIMBS, LEAN} and all(len(angles) == len(q) for angles in found.values())
+    assert set(found) == {*LIMB_ENDS, LEAN} and all(len(angles) == len(q) for angles in found.values())
     elbow = op3().body.joint_qpos[op3().body.joint_index("l_el")]
     points = op3().points(q, ("l_elbow", "l_hand"))
     q[:, elbow] += 0.4

@@ -140,7 +140,7 @@ def run() -> RunResult:
 def test_its_rows_are_those_of_the_end(run: RunResult) -> None:
     last = latest_of(run, 4.0)
     assert len(last.record) == 500 and last.ticks_followed < run.ticks_followed
-    for name in ("sensors_asked", "sensors_reached", "landmarks_reached"):
+    for name in ("sensors_desired", "sensors_reached", "landmarks_reached"):
         np.testing.assert_array_equal(getattr(last, name), getattr(run, name)[-500:])
     whole, sent = run.record.robot, last.record.robot
     assert whole is not None and sent is not None and run.robot is not None

@@ -17,7 +17,7 @@ from retarget.pictures.outputs import Outputs
 from retarget.report.findings import NOT_FOLLOWED, findings
 from retarget.report.measure import measure
 from retarget.report.report import Unfollowed
-from retarget.report.tracking import performance_of
+from retarget.report.tracking import reference_of
 from retarget.report.unfollowed import (
     INSTEAD,
     JOINTS,
@@ -196,7 +196,7 @@ def said(run: RunResult) -> list[str]:
 def test_a_run_says_when_and_what_the_robot_does_instead(name: str, words: str) -> None:
     run = followed(name)
     assert said(run) == ([words] if words else [])
-    asked = performance_of(run)
+    asked = reference_of(run)
     assert unfollowed_of(run, asked) == measure(run).unfollowed is not None
     assert run.robot is not None
     hung = replace(run.robot, profile=run.robot.profile.model_copy(update={"root": "suspended"}))

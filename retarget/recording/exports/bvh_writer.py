@@ -1,7 +1,7 @@
 """BVH: a body's tree as a skeleton, y up, z forward, centimetres.
 
-With all rotations zero the skeleton stands as the body does with all joints at zero, facing z. A joint whose link
-slides, or turns about a point that is not its origin, has position channels too.
+With all rotations zero the skeleton has the pose of the body with all joints at zero, facing z. A joint whose link
+slides, or turns about another point than its origin, has position channels too.
 """
 
 from dataclasses import dataclass, replace
@@ -10,16 +10,11 @@ from typing import IO
 import numpy as np
 
 from retarget import rotations
-from retarget.recording.motion import Links, Motion, links_of, quaternion_columns
+from retarget.recording.motion import CM, Links, Motion, links_of, quaternion_columns
 from retarget.types import FloatArray
 
-# Which parts of a body become joints of a BVH skeleton, what they are called, and where their last bones end.
-#
-# Of a robot every link is one, at its origin and under its own name. The virtual human's joints have the names that
-# MotionBuilder's HumanIK gave them, which most tools know, and its head, hands and toes are joints as well.
-
 STUB = 0.02
-"""Length, m, of a last bone of which nothing says how long it is."""
+"""Length, m, of a last bone of unknown length."""
 _ARM = {"collar": "Shoulder", "shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand", "hand": "HandMiddle1"}
 _LEG = {"hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "toe": "ToeBase"}
 HUMAN = {"pelvis": "Hips", "spine": "Spine", "chest": "Spine1", "neck": "Neck", "head": "Head"} | {
@@ -27,18 +22,17 @@ HUMAN = {"pelvis": "Hips", "spine": "Spine", "chest": "Spine1", "neck": "Neck", 
     for letter, side in (("l", "Left"), ("r", "Right"))
     for part, name in (_ARM | _LEG).items()
 }
-"""Parts of the virtual human: their names in the file."""
+"""BVH names of the parts of the virtual human."""
 HEAD_JOINT = 0.6
-"""Share of the way from the neck to the centre of the head at which the head's joint stands: below the skull, as tools
-and readers of BVH take it. Its bone ends as far above the centre."""
+"""Share of the distance from the neck to the centre of the head at which BVH tools expect the head joint, below the
+skull. Its bone ends as far above the centre."""
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A joint of the skeleton: a point that is fixed to a link. parent: index of a node, -1 of the root.
+    """A joint of the skeleton: a point fixed to a link. parent: index of a node, -1 for the root.
 
-    local (3,) m: in the link's frame. end (3,) m: where its bone ends, in the same frame from `local` on, if nothing
-    hangs on it.
+    local (3,) m: in the link's frame. end (3,) m: end of its bone from there, if it has no child.
     """
 
     name: str
@@ -49,13 +43,18 @@ class Node:
 
 
 def nodes_of(motion: Motion) -> tuple[Node, ...]:
-    """The first link and all that hang on it; parents come first, and each joint before those of the next branch."""
+    """The first link and its descendants, depth first. Every link of a robot is a joint at its origin, with its name.
+    Joints of the virtual human have HumanIK's names, and its head, hands and toes are joints too."""
     body, human = motion.body, motion.is_human
     nodes: list[Node] = []
 
     def add(link: int, parent: int) -> None:
         own = len(nodes)
-        nodes.append(Node(_name(body.body_names[link], nodes, human), link, parent, np.zeros(3), _end(motion, link)))
+        # The bone ends at the farthest frame on the link, or twice as far as its centre of mass.
+        sites = [frame.position for frame in body.frames if frame.body == link]
+        bone = max(sites, key=np.linalg.norm) if sites else 2.0 * body.com[link]
+        bone = bone if np.linalg.norm(bone) >= STUB else np.array([0.0, 0.0, STUB])
+        nodes.append(Node(_name(body.body_names[link], nodes, human), link, parent, np.zeros(3), bone))
         for frame in body.frames:
             if human and frame.body == link and frame.name in HUMAN:
                 joint = HEAD_JOINT if frame.name == "head" else 1.0
@@ -70,7 +69,7 @@ def nodes_of(motion: Motion) -> tuple[Node, ...]:
 
 
 def _name(link: str, taken: list[Node], human: bool) -> str:
-    """A name that any reader takes: no blanks, no braces, none twice."""
+    """A unique name without blanks and braces, which any reader takes."""
     if human and link in HUMAN:
         return HUMAN[link]
     name = "".join(letter if letter.isalnum() or letter in "_-.:" else "_" for letter in link) or "link"
@@ -79,27 +78,19 @@ def _name(link: str, taken: list[Node], human: bool) -> str:
     return name
 
 
-def _end(motion: Motion, link: int) -> FloatArray:
-    """The farthest frame on the link, or twice as far as its centre of mass."""
-    sites = [frame.position for frame in motion.body.frames if frame.body == link]
-    local = max(sites, key=np.linalg.norm) if sites else 2.0 * motion.body.com[link]
-    return local if np.linalg.norm(local) >= STUB else np.array([0.0, 0.0, STUB])
-
-
-CM = 100.0
 ORDER = "zxy"
 """Order of the rotation channels."""
 AXES = [1, 2, 0]
-"""World axes of x, y and z of the file: left, up, forward. A turn of the axes, no mirror image."""
-STILL = 1e-6
-"""A joint that moves less than this, m, in its parent's frame has a constant offset."""
-DIGITS = 6
-"""Decimals of a number in the file, cm or degrees: 10 nm, far below what a recording resolves."""
+"""World axes of x, y and z of the file: left, up, forward, a pure rotation."""
+CONSTANT_M = 1e-6
+"""Motion, m, in its parent's frame below which a joint has a constant offset."""
+BVH_DECIMALS = 6
+"""Decimals of a number, cm or degrees: 10 nm."""
 
 
 @dataclass(frozen=True, eq=False)
 class BvhSkeleton:
-    """Joints (b) as `nodes`, file axes and cm. offsets (b, 3): at rest. places (T, b, 3) and turns (T, b, 4): in the
+    """Joints (b) of `nodes`, file axes and cm. offsets (b, 3): at rest. places (T, b, 3) and turns (T, b, 4): in the
     parent joint's frame. ends (b, 3): bone ends."""
 
     nodes: tuple[Node, ...]
@@ -109,25 +100,27 @@ class BvhSkeleton:
     ends: FloatArray
 
     def moves(self, joint: int) -> bool:
-        """Whether a joint has position channels."""
+        """True if a joint has position channels."""
         off = np.abs(self.places[:, joint] - self.offsets[joint])
-        return self.nodes[joint].parent < 0 or bool(off.max() > CM * STILL)
+        return self.nodes[joint].parent < 0 or bool(off.max() > CM * CONSTANT_M)
 
 
 def write_bvh(motion: Motion, stream: IO[bytes]) -> None:
-    """Write a motion. Raises InputError where rows are not evenly spaced."""
+    """Write a motion. Raises InputError for unevenly spaced rows."""
     skeleton, rate = _skeleton(motion), motion.rate_hz
     lines = ["HIERARCHY", *_block(skeleton, 0, 0)]
     lines += ["MOTION", f"Frames: {len(skeleton.places)}", f"Frame Time: {1.0 / rate:.9f}"]
     stream.write(("\n".join(lines) + "\n").encode())
-    np.savetxt(stream, _channels(skeleton), fmt=f"%.{DIGITS}f")
+    np.savetxt(stream, _channels(skeleton), fmt=f"%.{BVH_DECIMALS}f")
 
 
 def _skeleton(motion: Motion) -> BvhSkeleton:
-    nodes, links, rest = nodes_of(motion), links_of(motion), _rest(motion)
+    upright = np.zeros((1, motion.body.nq))
+    upright[0, quaternion_columns(motion.body)] = 1.0
+    nodes, links, rest = nodes_of(motion), links_of(motion), links_of(replace(motion[:1], q=upright))
     position, stand = _points(nodes, links), _points(nodes, rest)[0]
     rows = [node.link - 1 for node in nodes]
-    # A joint's frame is the link's turn from where it is at rest, so that all frames are parallel then.
+    # A joint's frame is the link's rotation from rest, so that all frames are parallel at rest.
     turn = rotations.multiply(links.orientation[:, rows], rotations.conjugate(rest.orientation[0, rows]))
     turn = turn[..., [0, *(1 + axis for axis in AXES)]]
     offsets, places, turns = np.zeros_like(stand), position.copy(), turn.copy()
@@ -146,13 +139,6 @@ def _points(nodes: tuple[Node, ...], links: Links) -> FloatArray:
     rows = [node.link - 1 for node in nodes]
     local = rotations.rotate(links.orientation[:, rows], np.array([node.local for node in nodes]))
     return np.asarray(CM * (links.position[:, rows] + local)[..., AXES])
-
-
-def _rest(motion: Motion) -> Links:
-    """The body with every joint at zero, its root at the origin and upright."""
-    q = np.zeros((1, motion.body.nq))
-    q[0, quaternion_columns(motion.body)] = 1.0
-    return links_of(replace(motion[:1], q=q))
 
 
 def _block(skeleton: BvhSkeleton, joint: int, depth: int) -> list[str]:
@@ -175,11 +161,11 @@ def _block(skeleton: BvhSkeleton, joint: int, depth: int) -> list[str]:
 
 
 def _numbers(values: FloatArray) -> str:
-    return " ".join(f"{value:.{DIGITS}f}" for value in values)
+    return " ".join(f"{value:.{BVH_DECIMALS}f}" for value in values)
 
 
 def _channels(skeleton: BvhSkeleton) -> FloatArray:
-    """All channels (T, d): nodes are in the order of the file."""
+    """All channels (T, d), in the order of the file."""
     parts = []
     for joint in range(len(skeleton.nodes)):
         if skeleton.moves(joint):

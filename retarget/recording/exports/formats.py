@@ -1,6 +1,6 @@
-"""Write a motion in one of the formats that others read: whole or not at all, and over something only if asked to.
+"""Export of a motion to the format of another program, whole or not at all.
 
-`FORMATS` is the one table of them: the help, the page of the site and what `retarget export` prints come from it.
+`FORMATS` is the one table of formats, for the help, the site and the output of `retarget export`.
 """
 
 import os
@@ -29,17 +29,17 @@ from retarget.schema.files import check_folder, check_path, check_place, refuse_
 Write = Callable[[Motion, IO[bytes]], None]
 """Writes a motion into a stream."""
 Files = Callable[[Motion, str], dict[str, bytes]]
-"""From a motion, and what is done in it, in words, to the files of a folder."""
+"""The files of a folder, for a motion and its task in words."""
 NAMED, IN_ORDER, BREADTH_FIRST = "by name", "as in the body file", "breadth first"
-"""Orders of joints, and of links where a format has them. Isaac numbers them breadth first."""
+"""Orders of joints and links. Isaac numbers them breadth first."""
 COLUMNS = "in named columns"
-"""Where the numbers of a quaternion are that have no order."""
+"""Order of a quaternion in named columns."""
 
 
 @dataclass(frozen=True)
 class Conventions:
-    """quaternion: the order of its numbers, "" where there is none. joints: their order. root: where it is. fps: rows
-    per second that readers expect; None: as the run has them."""
+    """quaternion: its order, "" without any. joints: their order. root: its place. fps: rows per second that readers
+    expect; None for those of the run."""
 
     quaternion: str
     joints: str
@@ -54,8 +54,8 @@ class Conventions:
 
 @dataclass(frozen=True)
 class Format:
-    """A format. ending: what its files end in, after the name of the run. summary: for whom and what, in words. write:
-    into a stream; files: of a folder; one of the two. mark: the file by which such a folder is known."""
+    """A format. ending: suffix of its files. summary: readers and content, in words. write: into a stream, or files: of
+    a folder. mark: the file that identifies such a folder."""
 
     name: str
     ending: str
@@ -68,7 +68,7 @@ class Format:
 
 _TABLE = Conventions(COLUMNS, NAMED, "in separate columns")
 _GMR = Conventions("xyzw", IN_ORDER, "in separate arrays", fps=30.0)
-_ALL = (
+_FORMATS = (
     Format("csv", ".csv", "a table with named columns", _TABLE, write_csv),
     Format("parquet", ".parquet", "the same table, in full precision", _TABLE, write_parquet),
     Format(
@@ -132,17 +132,17 @@ _ALL = (
         mark="meta/info.json",
     ),
 )
-FORMATS = {one.name: one for one in _ALL}
-"""By the name that `--to` takes."""
+FORMATS = {one.name: one for one in _FORMATS}
+"""Formats by the name in `--to`."""
 
 
 def format_help() -> str:
-    """The formats, in a line for the help of `--to`."""
+    """The formats in a line, for the help of `--to`."""
     return " ".join(f"{one.name}: {one.summary}." for one in FORMATS.values())
 
 
 def format_table() -> str:
-    """The formats, as the table of a page."""
+    """The formats as a Markdown table."""
     rows = ["| format | file | for whom, and what | quaternion | joints | root | units | Hz |", "|---" * 8 + "|"]
     for one in FORMATS.values():
         its = one.conventions
@@ -163,10 +163,10 @@ def format_named(name: str) -> Format:
 def export_place(
     form: Format, run: Path, out: Path | None, *, of_human: bool = False, inputs: Sequence[Path] = ()
 ) -> Path:
-    """Path of an export: `out`, or beside the run under its name. inputs: other files that are read for it.
+    """Path of an export: `out`, or beside the run with its name. inputs: other files that are read.
 
-    Raises UsageError for what is no path, for the suffix of another format, and for a place that is one of the files
-    that are read or holds one.
+    Raises UsageError for an invalid path, the suffix of another format, and a place that is or holds a file that is
+    read.
     """
     place = run.with_name(f"{run.stem}{'_human' if of_human else ''}{form.ending}") if out is None else out
     check_path(place, option="--out")
@@ -190,10 +190,10 @@ def export_place(
 def export_motion(
     motion: Motion, form: Format, place: Path, *, task: str = DEFAULT_TASK, overwrite: bool = False
 ) -> None:
-    """Write a motion to a place of `export_place`. task: what is done in it, in words, for a LeRobot dataset.
+    """Write a motion to a place of `export_place`. task: in words, for a LeRobot dataset.
 
-    Raises UsageError and InputError where the format cannot hold it, where nothing can be written, or where something
-    is unless it may be overwritten; a folder is replaced only by one of its layout. Then nothing is written.
+    Raises UsageError and InputError if the format cannot hold it, or the place is occupied or cannot be written.
+    `overwrite` replaces a folder only if it has the same layout.
     """
     write, files = form.write, form.files
     if files is not None:
@@ -230,11 +230,10 @@ def _write_folder(place: Path, contents: Mapping[str, bytes], form: Format, *, o
 
 
 def _names(folder: Path) -> Iterator[str]:
-    """Every file below a folder, by its path in it, and every folder that is empty, a link or closed to us."""
+    """Yield every file below a folder, and every empty, linked or unreadable folder, by its path in it."""
     for path, folders, files in os.walk(folder):
-        for name in (*files, *(one for one in folders if _is_end(Path(path, one)))):
+        for name in files:
             yield Path(path, name).relative_to(folder).as_posix()
-
-
-def _is_end(folder: Path) -> bool:
-    return folder.is_symlink() or not os.access(folder, os.R_OK | os.X_OK) or not any(folder.iterdir())
+        for below in (Path(path, name) for name in folders):
+            if below.is_symlink() or not os.access(below, os.R_OK | os.X_OK) or not any(below.iterdir()):
+                yield below.relative_to(folder).as_posix()

@@ -1,7 +1,7 @@
 """A LeRobot dataset, format v3.0: episodes of one task in a folder, without videos.
 
 `meta/info.json`, `meta/stats.json`, `meta/tasks.parquet`, `meta/episodes/chunk-000/file-000.parquet`,
-`data/chunk-000/file-000.parquet`; and a README with units and frames, for which the format has no place.
+`data/chunk-000/file-000.parquet`, and a README with units and frames, for which the format has no place.
 """
 
 import io
@@ -17,14 +17,12 @@ from retarget.errors import InputError, UsageError
 from retarget.recording.exports.tables import arrow
 from retarget.recording.motion import CONVENTIONS, Motion
 
-# A motion as the features of a LeRobot dataset: observations and actions, frame by frame.
-
 
 @dataclass(frozen=True, eq=False)
 class Feature:
-    """One column of a dataset. values (T, d); a `vector` is stored as a list of d, anything else as one number.
+    """One column of a dataset. values (T, d); a `vector` is stored as a list of d, others as one number.
 
-    dtype: as LeRobot names it. names: of the d values, None where there is nothing to name.
+    dtype: LeRobot's name. names: of the d values, or None.
     """
 
     key: str
@@ -34,22 +32,22 @@ class Feature:
 
     @property
     def vector(self) -> bool:
-        """Whether a frame holds a list."""
+        """True if a frame holds a list."""
         return self.names is not None
 
 
 def features_of(
     motion: Motion, *, rate_hz: int, landmarks: tuple[str, ...] = (), episode: int = 0, first: int = 0
 ) -> tuple[Feature, ...]:
-    """`action`: joints as sent; `observation.state`: where the servos were, read before that was sent.
+    """The features of a motion. `action`: joints as sent; `observation.state`: measured joints, read before that was
+    sent.
 
-    Joints of a robot with servos are those that have one; without servos, all of the body, seen where they were sent.
-    `observation.root`: x y z (m) and qw qx qy qz of the first link, world; `observation.landmarks`: the
-    desired ones (m, world), see `known_landmarks`. Then what LeRobot wants of every dataset, for episode
-    `episode` of one task, whose first frame is `first` of the dataset. Raises InputError where a servo is not known in
+    Joints are those with a servo; without servos all of the body, as sent. `observation.root`: x y z (m) and qw qx qy
+    qz of the first link, world; `observation.landmarks`: desired ones (m, world), see `known_landmarks`. LeRobot's
+    indices follow, for episode `episode` from frame `first` of the dataset. Raises InputError for a servo unknown in
     some frame.
     """
-    # Where no servo answered, all joints count as driven.
+    # Without servo data all joints count as driven.
     known = motion.present if "present" in motion else motion.joints
     driven = np.asarray(np.isfinite(known).any(axis=0))
     joints = tuple(f"{name}.pos" for name, kept in zip(motion.joint_names, driven, strict=True) if kept)
@@ -89,7 +87,7 @@ def _known_landmarks(motion: Motion) -> list[str]:
 
 
 def _joined(episodes: Sequence[tuple[Feature, ...]], motions: Sequence[Motion]) -> tuple[Feature, ...]:
-    """The features of all episodes, one after the other. Raises InputError where they are not of one kind."""
+    """The features of all episodes in a row. Raises InputError if they differ in kind."""
     first = [(item.key, item.names) for item in episodes[0]]
     for features, motion in zip(episodes[1:], motions[1:], strict=True):
         kind = [(item.key, item.names) for item in features]
@@ -107,15 +105,12 @@ def _joined(episodes: Sequence[tuple[Feature, ...]], motions: Sequence[Motion]) 
     )
 
 
-# Statistics of one feature over the frames of a dataset, by which trainers normalise.
-
 QUANTILES = (1, 10, 50, 90, 99)
-"""Percentiles in the statistics of a LeRobot v3.0 dataset: its keys q01, q10, q50, q90 and q99."""
+"""Percentiles of the statistics: keys q01, q10, q50, q90 and q99."""
 
 
 def statistics_of(values: NDArray[np.generic]) -> dict[str, list[float] | list[int]]:
-    """Compute statistics of values (T, d), in their unit, by the names that LeRobot gives them; the deviation is that
-    of a population."""
+    """Statistics of values (T, d), in their unit, by LeRobot's names; the deviation is that of a population."""
     numbers = np.asarray(values, dtype=np.float64)
     made = {name: getattr(numbers, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")}
     quantiles = np.percentile(numbers, QUANTILES, axis=0).tolist()
@@ -128,14 +123,14 @@ DEFAULT_TASK = "Follow the performer."
 PLACE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 FIRST = PLACE.format(chunk_index=0, file_index=0)
 COMPRESSION = "snappy"
-"""Of the format v3.0: places of files are numbered from 0, and all that is written fits into the first."""
+"""Compression of format v3.0. Its files are numbered, and everything fits into the first."""
 
 
 def lerobot_files(*motions: Motion, task: str = DEFAULT_TASK) -> dict[str, bytes]:
-    """The files of a dataset, by their paths in its folder; each motion is an episode.
+    """The files of a dataset by path; each motion is an episode.
 
-    Raises UsageError without pyarrow or where the rate is no whole number, which LeRobot cannot say; InputError where
-    rows are not evenly spaced, a servo is not known, or motions are not of one robot and rate.
+    Raises UsageError without pyarrow, or for a rate that is no integer, which LeRobot needs; InputError for unevenly
+    spaced rows, an unknown servo, or motions of different robots or rates.
     """
     pa, rate = arrow(), _rate_of(motions)
     first, landmarks = np.cumsum([0, *map(len, motions)]).tolist(), known_landmarks(motions)
@@ -165,7 +160,7 @@ def lerobot_files(*motions: Motion, task: str = DEFAULT_TASK) -> dict[str, bytes
 
 
 def _rate_of(motions: Sequence[Motion]) -> int:
-    """Frames per second of all motions, a whole number."""
+    """Frames per second of all motions."""
     rates = [motion.rate_hz for motion in motions]
     rate = rates[0]
     if not rate.is_integer():
@@ -207,7 +202,7 @@ def _info(motions: Sequence[Motion], features: tuple[Feature, ...], rate: int) -
 
 
 def _tasks(pa: Any, task: str) -> Any:
-    """The tasks, as the index of a data frame; the schema's metadata say so to pandas, with which LeRobot reads it."""
+    """The tasks as the index of a pandas data frame, which LeRobot reads."""
 
     def column(name: str, kind: str, stored: str) -> dict[str, Any]:
         return {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": stored, "metadata": None}
@@ -224,7 +219,7 @@ def _tasks(pa: Any, task: str) -> Any:
 
 
 def _episodes(pa: Any, episodes: Sequence[tuple[Feature, ...]], first: Sequence[int], task: str) -> Any:
-    """A row for each episode. first: frame of the dataset with which each begins, and where the last one ends."""
+    """One row per episode. first: first frame of each episode in the dataset, and the total."""
     rows = list[dict[str, Any]]()
     for episode, features in enumerate(episodes):
         begin, end = first[episode], first[episode + 1]
@@ -244,7 +239,7 @@ def _episodes(pa: Any, episodes: Sequence[tuple[Feature, ...]], first: Sequence[
 
 
 def _readme(motions: Sequence[Motion], features: tuple[Feature, ...]) -> str:
-    """A dataset card: its head is read by the Hub, the rest by people."""
+    """A dataset card. The Hub reads its head."""
     head = "---\ntask_categories:\n- robotics\ntags:\n- LeRobot\nconfigs:\n- config_name: default\n"
     head += "  data_files: data/*/*.parquet\n---\n\n"
     said = {

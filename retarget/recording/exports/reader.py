@@ -1,7 +1,7 @@
-"""Read the motion of a robot, of any program, in a layout of `FORMATS` or as this program recorded it.
+"""Motions of a robot from any program, in a layout of `FORMATS` or as a recorded run.
 
-Order of quaternions, place of the root and units are those of the table. Joints go by their names where the file has
-them, else they are in the order of the table. Nothing is unpickled. What does not fit the robot is refused.
+Order of quaternions, place of the root and units are those of that table. Joints have the names in the file, else the
+order of the table. Nothing is unpickled.
 """
 
 import csv
@@ -16,8 +16,8 @@ from retarget.model.body import BodyModel, JointType, load_body
 from retarget.model.robot import RobotBody
 from retarget.recording.exports.formats import FORMATS
 from retarget.recording.exports.tables import ROOT_COLUMNS, TIME_COLUMN
-from retarget.recording.exports.trainers import BONES_ROOT, CM, XYZW, breadth_first
-from retarget.recording.motion import MAX_FPS, Motion, links_of, posture, unit_quaternions
+from retarget.recording.exports.trainers import BONES_ROOT, XYZW, breadth_first
+from retarget.recording.motion import CM, MAX_FPS, Motion, followed, links_of, posture, unit_quaternions
 from retarget.recording.npz import MAX_BYTES, refuse_no_file
 from retarget.recording.read_run import ROBOT_KEYS, read_run
 from retarget.recording.reading import MAGIC
@@ -38,14 +38,14 @@ LAYOUTS = {
 }
 ADVICE = "See the layouts in docs/judge.md"
 QPOS, OWN = "holosoma retarget", "run"
-"""Layouts that are read and never written, or not by `export`."""
+"""Layouts that are read, and never written by `export`."""
 KEYS = {
     "gmr-npz": frozenset({"root_pos", "root_rot", "dof_pos"}),
     "npz": frozenset({"joint_pos", "body_pos_w", "body_quat_w"}),
     QPOS: frozenset({"qpos"}),
     OWN: ROBOT_KEYS,
 }
-"""The arrays by which a layout is known, the first that has them all; holosoma's are those of mjlab."""
+"""Arrays that identify a layout; the first complete one counts. holosoma has those of mjlab."""
 MAKE = {
     "": 'p = p if "fps" in p else next(iter(p.values())); print(list(p))\n'
     "of = lambda *keys: next(numpy.asarray(p[key], float) for key in keys if key in p)\n"
@@ -53,17 +53,15 @@ MAKE = {
     'numpy.savez({made!r}, fps=p["fps"], root_pos=root, root_rot=of("root_rot", "root_ori"), '
     "dof_pos=joints.reshape(len(root), -1))"
 }
-"""Lines of Python that make GMR's twin of a pickle of GMR, of PHC, HOVER or SONIC (the first of its motions), of
-PHUMA."""
+"""Python lines that convert a pickle of GMR, of PHC, HOVER or SONIC (first motion), or of PHUMA to GMR's NPZ."""
 SAME_M = 0.01
-"""Links of a file are where a robot's are within this, m."""
+"""Largest distance, m, of links in a file from those of the robot."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Played:
-    """What a file holds: root (T, 7) xyz m and wxyz, joints (T, n) rad, m of a slide. names: of the joints, None where
-    the file has none; time (T,) s; fps: rows per second, both None where it does not say them. links (T, b, 3) m: of
-    links."""
+class _FileMotion:
+    """Content of a file: root (T, 7) xyz m and wxyz, joints (T, n) rad, m for a slide. names: of the joints; time (T,)
+    s; fps: rows per second; links (T, b, 3) m. Each is None if the file does not have it."""
 
     layout: str
     root: FloatArray
@@ -77,22 +75,22 @@ class _Played:
 def read_motion(
     path: Path, robot: RobotBody, *, fps: float | None = None, quaternion: str | None = None
 ) -> tuple[str, Motion]:
-    """The layout of a file, in a word, and the motion in it of a robot, on a tree with a free root; of a run its
-    following alone.
+    """The layout of a file, in a word, and its motion of a robot, on a tree with a free root; of a run only the
+    following.
 
-    fps: rows per second, of a layout that does not say them. quaternion: "xyzw" or "wxyz", where the file is not as its
-    layout has it. Raises InputError for anything that is no such motion.
+    fps: rows per second, for a layout without them. quaternion: "xyzw" or "wxyz", if the file differs from its layout.
+    Raises InputError.
     """
     refuse_no_file(path)
     begins = _head(path)
     refuse_pickle(path, begins, MAKE, made=f"{path.stem}_motion.npz")
-    played = _of_arrays(path, quaternion) if begins.startswith(b"PK") else None
-    if begins.startswith(MAGIC) or (played is not None and played.layout == OWN):
-        return OWN, _of_run(path, robot)
-    played = played or _of_text(path, robot, quaternion)
+    given = _of_arrays(path, quaternion) if begins.startswith(b"PK") else None
+    if begins.startswith(MAGIC) or (given is not None and given.layout == OWN):
+        return OWN, followed(read_run(path, body=robot.profile.body_path))
+    given = given or _of_text(path, robot, quaternion)
     model = load_body(robot.profile.body_path, root="free")
-    motion = _checked(path, played, robot, model, fps)
-    return played.layout, motion
+    motion = _checked(path, given, robot, model, fps)
+    return given.layout, motion
 
 
 def _head(path: Path) -> bytes:
@@ -105,21 +103,10 @@ def _head(path: Path) -> bytes:
         raise InputError("cannot read the motion", where=str(path)[:200], found=error.strerror or error) from error
 
 
-def _of_run(path: Path, robot: RobotBody) -> Motion:
-    run = read_run(path, body=robot.profile.body_path)
-    following = run[run.phase == Phase.FOLLOW]
-    if not len(following):
-        raise InputError("nothing was followed in this run", where=str(path)[:200], found="no such tick")
-    return following
-
-
-# NPZ of trainers.
-
-
-def _of_arrays(path: Path, quaternion: str | None) -> _Played:
+def _of_arrays(path: Path, quaternion: str | None) -> _FileMotion:
     layout = ""
 
-    def wanted(names: Collection[str]) -> Collection[str]:
+    def needed(names: Collection[str]) -> Collection[str]:
         nonlocal layout
         layout = next((known for known, keys in KEYS.items() if keys <= set(names)), "")
         if not layout:
@@ -127,44 +114,41 @@ def _of_arrays(path: Path, quaternion: str | None) -> _Played:
             raise _unknown(path, found)
         return () if layout == OWN else KEYS[layout] | {"fps", "joint_names"}
 
-    file = open_arrays(path, wanted, max_bytes=MAX_BYTES, advice=ADVICE)
+    file = open_arrays(path, needed, max_bytes=MAX_BYTES, advice=ADVICE)
     if layout == OWN:
-        return _Played(OWN, np.zeros((0, 7)), np.zeros((0, 0)))
+        return _FileMotion(OWN, np.zeros((0, 7)), np.zeros((0, 0)))
     names = tuple(map(str, file.texts("joint_names", None))) if "joint_names" in file else None
     fps = float(file.floats("fps", *[1] * file.arrays["fps"].ndim).reshape(-1)[0]) if "fps" in file else None
     if layout == "gmr-npz":
         joints = file.floats("dof_pos", None, None)
         position = file.floats("root_pos", len(joints), 3)
         turn = _wxyz(file.floats("root_rot", len(joints), 4), quaternion or FORMATS[layout].conventions.quaternion)
-        return _Played(layout, np.hstack([position, turn]), joints, names, fps)
+        return _FileMotion(layout, np.hstack([position, turn]), joints, names, fps)
     if layout == QPOS:
         return _root_first(QPOS, file, "qpos", names, fps, quaternion)
     links = file.floats("body_pos_w", None, None, 3)
     turns = file.floats("body_quat_w", len(links), links.shape[1], 4)
-    # holosoma: the world is body 0, and the root is among the joints.
+    # In holosoma's layout the world is body 0, and the root is among the joints.
     if not links[:, 0].any() and links.shape[1] > 1 and file.arrays["joint_pos"].shape[1:] > (7,):
         return _root_first("holosoma", file, "joint_pos", names, fps, quaternion)
     turn = _wxyz(turns[:, 0], quaternion or FORMATS[layout].conventions.quaternion)
     joints = file.floats("joint_pos", len(links), None)
-    return _Played(layout, np.hstack([links[:, 0], turn]), joints, names, fps, links=links)
+    return _FileMotion(layout, np.hstack([links[:, 0], turn]), joints, names, fps, links=links)
 
 
 def _root_first(
     layout: str, file: ArrayFile, key: str, names: tuple[str, ...] | None, fps: float | None, quaternion: str | None
-) -> _Played:
+) -> _FileMotion:
     """A root xyz and wxyz, then joints."""
     whole = file.floats(key, None, None)
     if whole.shape[1] < 7:
         found, allowed = f"{whole.shape[1]} columns", "7 of the root, then the joints"
         raise InputError("no root", where=f"{file.source}: {key}", found=found, allowed=allowed)
     turn = _wxyz(whole[:, 3:7], quaternion or FORMATS["holosoma"].conventions.quaternion)
-    return _Played(layout, np.hstack([whole[:, :3], turn]), whole[:, 7:], names, fps)
+    return _FileMotion(layout, np.hstack([whole[:, :3], turn]), whole[:, 7:], names, fps)
 
 
-# CSV.
-
-
-def _of_text(path: Path, robot: RobotBody, quaternion: str | None) -> _Played:
+def _of_text(path: Path, robot: RobotBody, quaternion: str | None) -> _FileMotion:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [row for row in csv.reader(file) if row]
@@ -174,15 +158,15 @@ def _of_text(path: Path, robot: RobotBody, quaternion: str | None) -> _Played:
     if set(BONES_ROOT) <= set(head):
         named = {name.removesuffix("_dof"): name for name in head if name.endswith("_dof")}
         root, joints = _numbers(path, rows, BONES_ROOT), _numbers(path, rows, tuple(named.values()))
-        # About fixed axes x, y, z in this order is about moving axes z, y, x.
+        # Rotations about fixed axes x, y, z are those about moving axes z, y, x.
         turn = from_euler(np.deg2rad(root[:, :2:-1]), "zyx")
         scale = [1.0 / CM if name in _slides(robot.body) else np.deg2rad(1.0) for name in named]
-        return _Played("bones", np.hstack([root[:, :3] / CM, turn]), joints * scale, tuple(named))
+        return _FileMotion("bones", np.hstack([root[:, :3] / CM, turn]), joints * scale, tuple(named))
     if {TIME_COLUMN, *ROOT_COLUMNS} <= set(head):
         units = dict.fromkeys(robot.body.scalar_names, "rad") | dict.fromkeys(_slides(robot.body), "m")
         columns = {joint: f"{joint}_{unit}" for joint, unit in units.items() if f"{joint}_{unit}" in head}
         time, root = _numbers(path, rows, (TIME_COLUMN,))[:, 0], _numbers(path, rows, ROOT_COLUMNS)
-        return _Played("csv", root, _numbers(path, rows, tuple(columns.values())), tuple(columns), time=time)
+        return _FileMotion("csv", root, _numbers(path, rows, tuple(columns.values())), tuple(columns), time=time)
     if not head or not _is_number(head[0]):
         raise _unknown(path, ", ".join(head)[:200] or "an empty file")
     names = tuple(map(str, range(len(head))))
@@ -192,7 +176,7 @@ def _of_text(path: Path, robot: RobotBody, quaternion: str | None) -> _Played:
             "no root", where=str(path)[:200], found=f"{len(names)} columns", allowed="xyz, quaternion, joints"
         )
     turn = _wxyz(whole[:, 3:7], quaternion or FORMATS["unitree"].conventions.quaternion)
-    return _Played("unitree", np.hstack([whole[:, :3], turn]), whole[:, 7:])
+    return _FileMotion("unitree", np.hstack([whole[:, :3], turn]), whole[:, 7:])
 
 
 def _slides(body: BodyModel) -> tuple[str, ...]:
@@ -234,37 +218,34 @@ def _unknown(path: Path, found: str) -> InputError:
     return InputError("no known layout", where=str(path)[:200], found=found, allowed=allowed, next_step=ADVICE)
 
 
-# Whether what was read can be this robot's.
-
-
-def _checked(path: Path, played: _Played, robot: RobotBody, model: BodyModel, fps: float | None) -> Motion:
-    where, rows = str(path)[:200], len(played.joints)
+def _checked(path: Path, given: _FileMotion, robot: RobotBody, model: BodyModel, fps: float | None) -> Motion:
+    where, rows = str(path)[:200], len(given.joints)
     if rows < 3:
         raise InputError("too few rows for a motion", where=where, found=rows, allowed="3 and more")
-    names = _names(where, played, model)
-    root = played.root.copy()
+    names = _names(where, given, model)
+    root = given.root.copy()
     root[:, 3:] = unit_quaternions(root[:, 3:], where=where)
-    _refuse_units(where, names, played.joints, root, model)
+    _refuse_units(where, names, given.joints, root, model)
     motion = Motion(
         source=str(path),
         robot=robot.profile.name,
         body=model,
-        time=_times(where, played, rows, fps),
+        time=_times(where, given, rows, fps),
         phase=np.full(rows, Phase.FOLLOW, dtype=np.int8),
-        q=posture(model, names, played.joints, root),
+        q=posture(model, names, given.joints, root),
     )
     missing = sorted(set(robot.joint_map.joints) - set(names))
     if missing:
         motion = replace(motion, notes=(f"not in the file, taken as in the body file: {', '.join(missing)}",))
-    if played.names is None and played.links is not None:
-        return _as_links(played, motion)
+    if given.names is None and given.links is not None:
+        return _as_links(given, motion)
     return motion
 
 
-def _names(where: str, played: _Played, model: BodyModel) -> tuple[str, ...]:
-    """The names of the joints: those of the file, or those of the body in its order."""
-    found, own = played.joints.shape[1], model.scalar_names
-    names = own if played.names is None else played.names
+def _names(where: str, given: _FileMotion, model: BodyModel) -> tuple[str, ...]:
+    """Names of the joints in the file, or those of the body in its order."""
+    found, own = given.joints.shape[1], model.scalar_names
+    names = own if given.names is None else given.names
     if found != len(names):
         allowed = f"{len(names)}: {', '.join(names)}"
         raise InputError("another number of joints", where=where, found=found, allowed=allowed)
@@ -275,14 +256,14 @@ def _names(where: str, played: _Played, model: BodyModel) -> tuple[str, ...]:
     return names
 
 
-def _times(where: str, played: _Played, rows: int, fps: float | None) -> FloatArray:
-    if played.time is not None:
-        if (np.diff(played.time) <= 0.0).any():
+def _times(where: str, given: _FileMotion, rows: int, fps: float | None) -> FloatArray:
+    if given.time is not None:
+        if (np.diff(given.time) <= 0.0).any():
             raise InputError("time does not increase", where=where)
-        return played.time
-    rate = played.fps if fps is None else fps
+        return given.time
+    rate = given.fps if fps is None else fps
     if rate is None:
-        usual = FORMATS[played.layout].conventions.fps if played.layout in FORMATS else 30.0
+        usual = FORMATS[given.layout].conventions.fps if given.layout in FORMATS else 30.0
         step = f"Say it with --fps N; usual are {usual:g}"
         raise InputError("the layout does not say how many rows a second it has", where=where, next_step=step)
     if not 1.0 <= rate <= MAX_FPS:
@@ -291,7 +272,7 @@ def _times(where: str, played: _Played, rows: int, fps: float | None) -> FloatAr
 
 
 HIGH = 10.0
-"""No root of a robot is so many times as far above the floor as that of its body file."""
+"""Largest height of a root, as a multiple of that in the body file."""
 
 
 def _refuse_units(where: str, names: tuple[str, ...], joints: FloatArray, root: FloatArray, model: BodyModel) -> None:
@@ -320,18 +301,18 @@ def _refuse_units(where: str, names: tuple[str, ...], joints: FloatArray, root: 
         raise InputError("the robot is upside down, as in the other order of quaternions", where=where, next_step=step)
 
 
-def _as_links(played: _Played, motion: Motion) -> Motion:
-    """The motion with its joints in the order, of the body file or breadth first, in which links are where the file has
-    them. Raises InputError where they are there in none."""
-    assert played.links is not None, "the file has links"
+def _as_links(given: _FileMotion, motion: Motion) -> Motion:
+    """The motion with its joints in the order, of the body file or breadth first, that puts the links where the file
+    has them. Raises InputError if neither does."""
+    assert given.links is not None, "the file has links"
     body = motion.body
     of_links, of_joints = breadth_first(body)
-    if played.links.shape[1] != len(of_links):
+    if given.links.shape[1] != len(of_links):
         return motion
     other = motion.q.copy()
-    other[:, [body.joint_qpos[body.joint_index(motion.joint_names[joint])] for joint in of_joints]] = played.joints
+    other[:, [body.joint_qpos[body.joint_index(motion.joint_names[joint])] for joint in of_joints]] = given.joints
     tries = [(motion, list(range(len(of_links)))), (replace(motion, q=other), of_links)]
-    off = [float(np.abs(links_of(one).position[:, order] - played.links).max()) for one, order in tries]
+    off = [float(np.abs(links_of(one).position[:, order] - given.links).max()) for one, order in tries]
     if min(off) > SAME_M:
         found = f"{MM * min(off):.0f} mm off"
         raise InputError("links are not where this robot has them", where=motion.source[:200], found=found)

@@ -1,4 +1,4 @@
-"""A motion as a table: CSV and Parquet. The unit is the end of a column's name."""
+"""A motion as a table, CSV or Parquet. Names of columns end in the unit."""
 
 import csv
 import importlib
@@ -15,12 +15,10 @@ from retarget.recording.motion import CONVENTIONS, Motion
 from retarget.run.record import PHASE_NAMES
 from retarget.run.table import FIELDS
 
-# What CSV and Parquet have in common: the columns.
-
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """values (T,): numbers, whole numbers or texts. unit: "" where there is none."""
+    """values (T,): numbers, integers or texts. unit: "" for none."""
 
     name: str
     unit: str
@@ -32,10 +30,10 @@ ROOT_COLUMNS = ("root_x_m", "root_y_m", "root_z_m", "root_qw", "root_qx", "root_
 
 
 def columns_of(motion: Motion) -> tuple[Column, ...]:
-    """Time, the root (position m, quaternion wxyz, of the first link in the world), every joint as it was sent.
+    """Time, root (position m, quaternion wxyz, of the first link in the world), and every joint as sent.
 
-    Then, where they are known: `servo_` where the servo was, `ticks_` its goal, `asked_` the landmarks asked for. The
-    phase only where rows differ in it. Raises InputError where two columns would have one name.
+    Then the known ones of `servo_`, measured positions, `ticks_`, their goals, and `asked_`, desired landmarks. The
+    phase is a column if rows differ in it. Raises InputError for two columns of one name.
     """
     columns = [Column(TIME_COLUMN, "s", motion.time)]
     root = np.hstack([motion.root_position, motion.root_quaternion])
@@ -66,7 +64,7 @@ def _column(name: str, unit: str, values: NDArray[Any]) -> Column:
     return Column(f"{name}_{unit}" if unit else name, unit, values)
 
 
-DIGITS = 10
+CSV_DIGITS = 10
 """Significant digits of every number: a micrometre in ten kilometres."""
 
 
@@ -84,14 +82,14 @@ def _texts(column: Column) -> list[str]:
     if column.values.dtype.kind != "f":
         return [str(value) for value in column.values.tolist()]
     known = np.isfinite(column.values).tolist()
-    return [f"{value:.{DIGITS}g}" if know else "" for value, know in zip(column.values.tolist(), known, strict=True)]
-
-
-# Apache Arrow, which writes Parquet: an extra, imported only by the exports that need it.
+    return [
+        f"{value:.{CSV_DIGITS}g}" if know else "" for value, know in zip(column.values.tolist(), known, strict=True)
+    ]
 
 
 def arrow() -> Any:
-    """The module `pyarrow`, with `pyarrow.parquet` in it. Raises UsageError where it is missing or broken."""
+    """The module `pyarrow` with `pyarrow.parquet`, an optional dependency. Raises UsageError if it is missing or
+    broken."""
     try:
         importlib.import_module("pyarrow.parquet")
         return importlib.import_module("pyarrow")
@@ -104,13 +102,10 @@ def arrow() -> Any:
         ) from error
 
 
-# Parquet: the table of the CSV in full precision, with the unit of every column and what the motion is beside it.
-
-
 def write_parquet(motion: Motion, stream: IO[bytes]) -> None:
-    """Write the table of `columns_of`. Raises UsageError without pyarrow.
+    """Write the table of `columns_of` in full precision. Raises UsageError without pyarrow.
 
-    A column's unit is the key `unit` of its field's metadata; the schema's metadata has `retarget`, a JSON object.
+    The metadata of a field has its `unit`; that of the schema has `retarget`, a JSON object.
     """
     pa = arrow()
     columns = columns_of(motion)

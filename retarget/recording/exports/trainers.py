@@ -1,8 +1,8 @@
-"""The layouts of programs that train or play motions of a whole body: arrays, CSV, a pickle, a folder.
+"""Formats of programs that train or play whole-body motions: arrays, CSV, a pickle, a folder.
 
-Rows (T) are evenly spaced; else `Motion.rate_hz` raises InputError. World as everywhere, m, rad, s; exceptions are in
-the units of a format. Velocities are central differences (`rate_of_change`, `angular_velocity`). Quaternions keep their
-sign from row to row, so that they can be interpolated.
+Unevenly spaced rows (T) raise InputError. Frames and units are ours unless a format states others. Velocities are
+central differences (`rate_of_change`, `angular_velocity`). Signs of quaternions are continuous, so that they can be
+interpolated.
 """
 
 import io
@@ -11,38 +11,26 @@ from collections import deque
 from typing import IO, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from retarget.model.body import BodyModel
-from retarget.recording.motion import (
-    Motion,
-    angular_velocity,
-    links_of,
-    rate_of_change,
-    sign_aligned,
-)
+from retarget.recording.motion import CM, Motion, angular_velocity, links_of, rate_of_change, sign_aligned
+from retarget.recording.npz import Arrays
 from retarget.rotations import conjugate, rotate, to_euler
 from retarget.types import FloatArray
 
-Arrays = dict[str, NDArray[Any]]
 XYZW: Final = [1, 2, 3, 0]
 """Columns of a quaternion wxyz in the order xyzw."""
-CM: Final = 100.0
-"""In a metre."""
 
 
 def _fps(motion: Motion) -> int | float:
-    """Rows per second, a whole number where they are. Raises InputError where rows are not evenly spaced."""
+    """Rows per second, an integer if possible. Raises InputError for unevenly spaced rows."""
     rate = motion.rate_hz
     return int(rate) if rate.is_integer() else rate
 
 
-# whole_body_tracking (BeyondMimic) and mjlab.
-
-
 def breadth_first(body: BodyModel) -> tuple[list[int], list[int]]:
-    """Links and joints in the order in which Isaac numbers them: the first link, its children in the order of the body
-    file, then theirs. Indices of `Links` (b,), and of `Motion.joints` (n,)."""
+    """Indices of `Links` (b,) and of `Motion.joints` (n,) in Isaac's order: breadth first, children in the order of the
+    body file."""
     links, waiting = list[int](), deque([1])
     while waiting:
         link = waiting.popleft()
@@ -57,7 +45,7 @@ def tracking_arrays(motion: Motion, *, is_breadth_first: bool = False) -> Arrays
 
     fps (1,); joint_pos and joint_vel (T, n); body_pos_w (T, b, 3), body_quat_w (T, b, 4) **wxyz**, body_lin_vel_w and
     body_ang_vel_w (T, b, 3) of every link's origin, world. Joints and links are in the order of the body file (mjlab),
-    or breadth first (Isaac). For people: joint_names (n,), body_names (b,), quaternion_order.
+    or breadth first (Isaac). joint_names (n,), body_names (b,) and quaternion_order are for people.
     """
     rate, links, joints = motion.rate_hz, links_of(motion), motion.joints
     turned = sign_aligned(links.orientation)
@@ -82,24 +70,21 @@ def tracking_arrays(motion: Motion, *, is_breadth_first: bool = False) -> Arrays
 
 
 def write_mjlab(motion: Motion, stream: IO[bytes]) -> None:
-    """Write the arrays of `tracking_arrays` in the order of the body file."""
+    """Write `tracking_arrays` in the order of the body file."""
     np.savez(stream, allow_pickle=False, **tracking_arrays(motion))
 
 
 def write_beyondmimic(motion: Motion, stream: IO[bytes]) -> None:
-    """Write the arrays of `tracking_arrays` breadth first."""
+    """Write `tracking_arrays` breadth first."""
     np.savez(stream, allow_pickle=False, **tracking_arrays(motion, is_breadth_first=True))
-
-
-# holosoma.
 
 
 def write_holosoma(motion: Motion, stream: IO[bytes]) -> None:
     """Write the NPZ that holosoma trains on, float64.
 
     fps (1,); joint_pos (T, 7 + n): position and orientation **wxyz** of the root, then joints; joint_vel (T, 6 + n):
-    its linear and angular velocity, world, then theirs. body_pos_w and body_quat_w (T, 1 + b, ...): of links' origins,
-    the world first. body_lin_vel_w: of the links' *centres of mass*, as its own converter has them; body_ang_vel_w.
+    linear and angular velocity of the root, world, then joints. body_pos_w, body_quat_w, body_ang_vel_w (T, 1 + b,
+    ...): of links' origins, the world first. body_lin_vel_w: of the links' *centres of mass*, as in its own converter.
     joint_names (n,), body_names (1 + b,).
     """
     rate, links, body = motion.rate_hz, links_of(motion), motion.body
@@ -126,12 +111,9 @@ def write_holosoma(motion: Motion, stream: IO[bytes]) -> None:
     )
 
 
-# GMR.
-
-
 def gmr_arrays(motion: Motion) -> Arrays:
-    """GMR's keys: root_pos (T, 3), root_rot (T, 4) **xyzw**, dof_pos (T, n), local_body_pos (T, b, 3): origins of links
-    in the frame of the root."""
+    """GMR's keys: root_pos (T, 3), root_rot (T, 4) **xyzw**, dof_pos (T, n), local_body_pos (T, b, 3): link origins in
+    the root frame."""
     links, root = links_of(motion), sign_aligned(motion.root_quaternion)
     local = rotate(conjugate(root)[:, None], links.position - motion.root_position[:, None])
     return {
@@ -143,7 +125,7 @@ def gmr_arrays(motion: Motion) -> Arrays:
 
 
 class _AnyNumpy(pickle.Pickler):
-    """Arrays by names that every NumPy has: from 2 on it writes numpy._core, which those below 1.26 do not open."""
+    """Pickles arrays by names of every NumPy. NumPy 2 writes numpy._core, which versions below 1.26 lack."""
 
     def reducer_override(self, value: object) -> Any:
         """The call that makes an array, NotImplemented for all else."""
@@ -153,8 +135,8 @@ class _AnyNumpy(pickle.Pickler):
 
 
 def write_gmr(motion: Motion, stream: IO[bytes]) -> None:
-    """Write the pickle that GMR writes: a dict of arrays, texts and a number. It is written for GMR's readers; this
-    program reads no pickle, as that may run anything."""
+    """Write GMR's pickle: a dict of arrays, texts and a number. This program reads no pickle, because that may run any
+    code."""
     names = {"link_body_list": list(links_of(motion).names), "joint_names": list(motion.joint_names)}
     kept = {"fps": motion.rate_hz, **gmr_arrays(motion), **names, "quaternion_order": "xyzw"}
     _AnyNumpy(stream, protocol=4).dump(kept)
@@ -167,44 +149,38 @@ def write_gmr_npz(motion: Motion, stream: IO[bytes]) -> None:
     np.savez(stream, allow_pickle=False, fps=fps, **gmr_arrays(motion), **names, quaternion_order=order)
 
 
-# CSV of Unitree and LAFAN1, and of BONES-SEED.
-
-DECIMALS = 9
+CSV_DECIMALS = 9
 """Decimals of a number in CSV: 1 nm."""
 BONES_ROOT = tuple(f"root_{kind}{axis}" for kind in ("translate", "rotate") for axis in "XYZ")
 
 
 def write_unitree(motion: Motion, stream: IO[bytes]) -> None:
-    """Write rows x y z, quaternion **xyzw**, joints; no header. Raises InputError where rows are not evenly spaced."""
+    """Write rows x y z, quaternion **xyzw**, joints, without a header. Raises InputError for unevenly spaced rows."""
     _fps(motion)  # the file says no times
     root = sign_aligned(motion.root_quaternion)[:, XYZW]
-    np.savetxt(stream, np.hstack([motion.root_position, root, motion.joints]), fmt=f"%.{DECIMALS}f", delimiter=",")
+    np.savetxt(stream, np.hstack([motion.root_position, root, motion.joints]), fmt=f"%.{CSV_DECIMALS}f", delimiter=",")
 
 
 def write_bones(motion: Motion, stream: IO[bytes]) -> None:
-    """Write Frame, root_translateX/Y/Z (**cm**), root_rotateX/Y/Z (**degrees**: about the fixed axes x, then y, then
-    z), and <joint>_dof (**degrees**; of a slide cm). Raises InputError where rows are not evenly spaced."""
+    """Write Frame, root_translateX/Y/Z (**cm**), root_rotateX/Y/Z (**degrees**, about the fixed axes x, then y, then
+    z), and <joint>_dof (**degrees**, cm for a slide). Raises InputError for unevenly spaced rows."""
     _fps(motion)  # the file says no times
-    # About fixed axes x, y, z in this order is about moving axes z, y, x.
+    # Rotations about fixed axes x, y, z are those about moving axes z, y, x.
     turned = np.unwrap(to_euler(motion.root_quaternion, "zyx")[:, ::-1], axis=0)
     scale = np.array([CM if unit == "m" else np.rad2deg(1.0) for unit in motion.joint_units])
     values = np.hstack([CM * motion.root_position, np.rad2deg(turned), scale * motion.joints])
     header = ["Frame", *BONES_ROOT]
     header += [f"{name}_dof" for name in motion.joint_names]
     rows = np.column_stack([np.arange(len(motion)), values])
-    fmt = ["%d", *[f"%.{DECIMALS}f"] * values.shape[1]]
+    fmt = ["%d", *[f"%.{CSV_DECIMALS}f"] * values.shape[1]]
     np.savetxt(stream, rows, fmt=fmt, delimiter=",", header=",".join(header), comments="")
 
 
-# The folder that SONIC's deployment plays.
-
-
 def sonic_files(motion: Motion) -> dict[str, bytes]:
-    """The files of one motion, by their names, each CSV with a header.
+    """The files of SONIC's deployment for one motion, by name, each CSV with a header.
 
     joint_pos.csv and joint_vel.csv (T, n): breadth first; body_pos.csv (T, 3), body_quat.csv (T, 4) **wxyz**,
-    body_lin_vel.csv and body_ang_vel.csv (T, 3) of the root, the one body that metadata.txt lists. info.txt is for
-    people.
+    body_lin_vel.csv and body_ang_vel.csv (T, 3) of the root, the one body in metadata.txt. info.txt is for people.
     """
     rate, (_, order) = motion.rate_hz, breadth_first(motion.body)
     root, names = sign_aligned(motion.root_quaternion), [motion.joint_names[joint] for joint in order]
@@ -219,7 +195,7 @@ def sonic_files(motion: Motion) -> dict[str, bytes]:
     files = {}
     for name, (header, values) in tables.items():
         stream = io.BytesIO()
-        np.savetxt(stream, values, fmt=f"%.{DECIMALS}f", delimiter=",", header=",".join(header), comments="")
+        np.savetxt(stream, values, fmt=f"%.{CSV_DECIMALS}f", delimiter=",", header=",".join(header), comments="")
         files[f"{name}.csv"] = stream.getvalue()
     title = f"Metadata for: {motion.robot}\n{'=' * 30}\n\n"
     files["metadata.txt"] = f"{title}Body part indexes:\n[0]\n\nTotal timesteps: {len(motion)}\n".encode()
