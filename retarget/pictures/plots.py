@@ -22,7 +22,7 @@ from retarget.report import motion_metrics
 from retarget.report.likeness import ARMS, LEAN, limb_angles
 from retarget.report.measure import travel
 from retarget.report.motion_metrics import moved_joints
-from retarget.report.tracking import performance_of, performer_facing, turned
+from retarget.report.tracking import performer_facing, reference_of, turned
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder
 from retarget.types import MM, FloatArray
@@ -156,7 +156,7 @@ def unlike_ticks(run: RunResult, count: int) -> list[int]:
 def least_alike(run: RunResult) -> int | None:
     """The tick at which arms and trunk of the robot are farthest from the performer's, in sum of their angles; None
     where nothing shows it."""
-    asked, q, following = performance_of(run), run.seen_q, run.record.following
+    asked, q, following = reference_of(run), run.seen_q, run.record.following
     if run.robot is None or q is None or asked is None:
         return None
     angles = [angle[following] for limb, angle in limb_angles(run.robot, q, asked).items() if limb in (*ARMS, LEAN)]
