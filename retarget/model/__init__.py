@@ -1,1 +1,4 @@
-"""Bodies: MJCF and URDF files as trees of links, the robot, the virtual human, observers and obstacles."""
+"""Models: robots, the virtual human, scenes, and the shapes of their observers.
+
+In: profiles and body files (MJCF, URDF). Out: frozen data, and bodies for the solver. Imports `schema`.
+"""

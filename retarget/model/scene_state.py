@@ -12,7 +12,7 @@ from retarget.errors import UsageError, suggest
 from retarget.model.meshes import Mesh, shape_mesh
 from retarget.model.scene_shapes import SceneShapes, canonical, scene_shapes
 from retarget.rotations import Vector, inverse, length, minus, plus, product, rotation_vector, turn
-from retarget.schema.scene import FLOOR, HERE, STILL, MovingPose, Obstacle, Pose, Scene, carried_by, on_body, unit
+from retarget.schema.scene import FLOOR, HERE, NO_MOTION, MovingPose, Obstacle, Pose, Scene, carried_by, on_body, unit
 from retarget.schema.shapes import MAX_COORDINATE
 from retarget.schema.strict_models import listed
 from retarget.types import FloatArray
@@ -60,7 +60,7 @@ def motion_of(obstacle: Obstacle) -> ObstacleMotion:
         ]
         return ObstacleMotion(times, (*pieces, MovingPose(poses[-1])), obstacle.loop)
     pose = Pose(obstacle.at.pos, unit(obstacle.at.quat))
-    moving = MovingPose(pose, obstacle.velocity or STILL, obstacle.angular_velocity or STILL)
+    moving = MovingPose(pose, obstacle.velocity or NO_MOTION, obstacle.angular_velocity or NO_MOTION)
     return _until(moving, obstacle.start, inf if obstacle.until is None else obstacle.until)
 
 
@@ -72,7 +72,7 @@ def _until(moving: MovingPose, start: float, end: float) -> ObstacleMotion:
 
 
 def _rests(moving: MovingPose) -> bool:
-    return moving.linear == STILL and moving.angular == STILL
+    return moving.linear == NO_MOTION and moving.angular == NO_MOTION
 
 
 def _between(before: Pose, after: Pose, duration: float) -> MovingPose:
@@ -201,7 +201,7 @@ def _vector(numbers: Numbers) -> Vector:
 
 def _moving(seen: _Seen, before: _Seen | None) -> MovingPose:
     """The pose with velocities: those sent, else those since the update before, else zero; clipped to the bounds."""
-    linear, angular = seen.linear or STILL, seen.angular or STILL
+    linear, angular = seen.linear or NO_MOTION, seen.angular or NO_MOTION
     if before is not None:
         step = seen.time - before.time
         if seen.linear is None:

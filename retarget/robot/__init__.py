@@ -1,1 +1,5 @@
-"""The second stage: the robot's posture that follows the virtual human."""
+"""Stage 2: a human posture becomes a robot posture within the limits of its servos, on its soles.
+
+In: `HumanPosture`, robot, priorities, scene. Out: `RobotPosture`, stops, offsets of goals. Imports `human`, `ik`,
+`model`, `schema`.
+"""

@@ -26,7 +26,7 @@ from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.robot.arm_branches import DAMPING, ITERATIONS, ArmBranches
 from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, moving_share, standing_strength
-from retarget.robot.crouch_envelope import Envelope, robot_envelope
+from retarget.robot.crouch_envelope import robot_envelope
 from retarget.robot.desired_motion import DesiredMotion
 from retarget.robot.following_limits import following_limits, servo_limits
 from retarget.robot.landmarks import (
@@ -54,95 +54,82 @@ if TYPE_CHECKING:
     from retarget.types import HumanPosture
 
 
-# Soles that a stop left off their places go back there as slowly as legs can stop. A way back in one tick could not be
-# stopped, so that no posture would be admitted and the legs would stand still for ever.
+# A stop may displace soles. The gate would refuse a return in one tick, as the robot could not stop then.
 
 SLIPPED_M = 1e-4
-"""m off its place at which a sole goes back slowly."""
+"""Distance from its place beyond which a sole returns slowly, m."""
 SOLE_BRAKING = 0.2
-"""m/s^2 with which it is braked there."""
+"""Deceleration of its return, m/s^2."""
 
-
-# Settling: the robot goes from its stance to a performer who stands still, before it follows.
 
 SETTLING_S = 8.0
-"""Longest duration, s."""
+"""Longest settling before following: the robot moves from its stance to a performer who stands still, s."""
 RESTING_SPEED, RESTING_S = 0.1, 0.04
-"""A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests: a few ticks, so that the turning
-point of a swing does not count. At a share of all speeds it is that share of both."""
+"""A robot rests if all its coordinates are slower (rad/s, m/s) for this time, s: longer than the turning point of a
+swing. A speed override scales both."""
 
 
-# Return to stance: a robot on its own soles stands before it goes to rest, legs and trunk as in its stance, arms aside.
-#
-# The rest trajectory is straight in joint space. From legs that lean or twist, it would tip two planted soles; from
-# arms in any posture it leads through the body. So the follower returns to a stand first: on locked soles, within its
-# balance, limbs kept apart; a foot that is lifted is put down on the way. All joints are led straight from where they
-# are to legs and trunk of the stance and to the arms of posture `attractor`, and nothing else is asked. A goal of the
-# pelvis above the posture would be reached by swinging the arms as a counterweight, and drive them away from theirs.
-# So the rest trajectory always begins in the same posture.
+# Return to stance: a robot on its soles goes to legs and trunk of its stance and arms of posture `attractor`, straight
+# in joint space, within balance and clearances. The rest trajectory, which is straight as well, always begins there:
+# from other legs it could tip the soles, and from other arms collide. There are no other targets, as a target for the
+# pelvis would be met by swinging the arms.
 
 RETURN_PENDULUM_TIMES = 7.5
-"""Duration of a return to stance where the servos can, in time constants sqrt(height of the centre of mass / g) of the
-standing robot: the faster, the nearer its zero-moment point to the edge. 1.2 s for OP3, 1.6 s for Poppy, which fell in
-one of ten stops with 1.5 s."""
+"""Duration of a return to stance if servos can, in sqrt(height of the centre of mass / g): faster ones move the
+zero-moment point towards the edge."""
 AT_SPEED = 0.999
-"""Share of its speed from which on a robot begins to walk, and goes on: steps have one pace."""
+"""Least speed override at which a robot begins to walk, and goes on: steps have one pace."""
 RESTS_S = 0.1
-"""A robot that is no faster than RESTING_SPEED for so long (s) has returned. One tick is not enough: where limbs
-meet, all joints stand still for one tick, and go on in the next."""
+"""Time at RESTING_SPEED after which the return is over, s. Limbs that meet may stand still for a tick."""
 LEAST_SHARE = 0.01
-"""Share of the servos' speeds for a robot that stands already."""
-LED_RISE, LED_JERK, LED_SETTLE = 0.2, 0.05, 0.1
-"""s until the joint that is led the longest way has its speed, and its acceleration; s by which the robot follows."""
+"""Least speed of the return, relative to the servos'."""
+RETURN_RISE_S, RETURN_JERK_S, DRIVEN_SETTLE_S = 0.2, 0.05, 0.1
+"""Times of acceleration and jerk of a return, and time constant with which joints follow a trajectory, s."""
 
 
 class StanceTrajectory:
-    """How the joints of one robot are led to its stance."""
+    """The trajectory of one robot's joints to its stance."""
 
-    def __init__(self, robot: RobotBody, stance: Stance, standing: DesiredLandmarks) -> None:
-        """standing: the landmarks of the stance."""
-        self.asked = standing
-        """The landmarks of the stance, where the weight of a robot that steps is to be."""
+    def __init__(self, robot: RobotBody, stance: Stance) -> None:
         self._joints, self._fastest = robot.servo_columns, robot.joint_map.max_velocity
         self._end = robot.posture(stance_angles(robot))[self._joints]
         height = float(robot.body.solver_body().centre_of_mass(stance.q[None])[0, 2])
-        self.duration = RETURN_PENDULUM_TIMES * sqrt(height / GRAVITY)
-        """In which the joints are led there where the servos can, s."""
+        self.duration = RETURN_PENDULUM_TIMES * sqrt(height / GRAVITY)  # [s] if servos can
         self._posture = stance.q.copy()
         self._moves: TrajectoryGenerator | None = None
         self._rest = Dwell()
 
     def begin(self, q: FloatArray, dt: float) -> None:
-        """Begin in posture q (nq,), in ticks of `dt` s."""
+        """Begin in posture q (nq,), for ticks of `dt` s."""
         needed = float((np.abs(self._end - q[self._joints]) / self._fastest).max())  # [s] at full speed
-        speed = min(max(needed / max(self.duration - LED_RISE - LED_JERK, LED_RISE), LEAST_SHARE), 1.0) * self._fastest
-        acceleration = speed / LED_RISE
-        self._moves = TrajectoryGenerator(speed, acceleration, acceleration / LED_JERK, dt=dt)
+        rise = max(self.duration - RETURN_RISE_S - RETURN_JERK_S, RETURN_RISE_S)
+        speed = min(max(needed / rise, LEAST_SHARE), 1.0) * self._fastest
+        acceleration = speed / RETURN_RISE_S
+        self._moves = TrajectoryGenerator(speed, acceleration, acceleration / RETURN_JERK_S, dt=dt)
         self.reset(q)
 
     def reset(self, q: FloatArray) -> None:
-        """Lead the joints on from posture q (nq,), at rest: something else was sent than was asked."""
+        """Go on from posture q (nq,), at rest, to which the robot was sent instead."""
         if self._moves is not None:
             self._moves.reset(q[self._joints])
 
     def goes_on(self, velocity: FloatArray, dt: float) -> bool:
-        """Whether the return is not over yet after another `dt` s: it is when the robot rests, in its stance or as near
-        to it as its limbs come. velocity (nv,) per s: as it was commanded to."""
+        """Return False after `dt` s once the robot rests in its stance, or as near to it as its limbs come. velocity
+        (nv,): commanded, per s."""
         assert self._moves is not None, "the return has begun"
-        led = self._moves.at_rest and np.array_equal(self._moves.position, self._end)
-        rests = led and float(np.abs(velocity).max()) < RESTING_SPEED
+        arrived = self._moves.at_rest and np.array_equal(self._moves.position, self._end)
+        rests = arrived and float(np.abs(velocity).max()) < RESTING_SPEED
         return self._rest.step(dt, holds=rests) < RESTS_S
 
-    def lead(self, speed_override: float) -> FloatArray:
-        """The posture (nq,) in which joints are to be a tick later."""
+    def step(self, speed_override: float) -> FloatArray:
+        """Return the posture (nq,) of the next tick."""
         assert self._moves is not None, "the return has begun"
         self._posture[self._joints] = self._moves.step(self._end, speed_override)
         return self._posture
 
 
 def stance_angles(robot: RobotBody) -> dict[str, float]:
-    """Angles, rad by joint, at which a return to stance ends, 0 elsewhere: legs and trunk as in `stand`, the others as
-    in `attractor`."""
+    """Joint angles, rad, at the end of a return to stance: legs and trunk of `stand`, the others of `attractor`."""
     postures, carrying = robot.profile.postures, standing_dofs(robot, TRUNK)
     return {
         joint: (postures.stand if carrying[robot.body.dof_index(joint)] else postures.attractor).get(joint, 0.0)
@@ -152,8 +139,7 @@ def stance_angles(robot: RobotBody) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class OnSoles:
-    """The parts of a follower whose robot stands on its soles; each may be missing. to_stance: the return to stance.
-    legs: of a robot that walks."""
+    """The parts of a follower on soles; each may be missing. to_stance: its return to stance. legs: if it walks."""
 
     balance: StandingBalance | None = None
     strength: StandingStrength | None = None
@@ -163,10 +149,11 @@ class OnSoles:
 
 
 class Follower:
-    """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick.
+    """Follows one performer with one robot, deterministically: `start`, then one `step` per tick.
 
-    It leads the robot in the world of its stance, which goes along with a robot that walks (`legs`); the postures that
-    it gives and takes are those of the world in which the robot began."""
+    It works in the world of the stance, which moves with a walking robot (`legs`); postures that go in and out are in
+    the world in which the robot began.
+    """
 
     def __init__(
         self,
@@ -178,10 +165,8 @@ class Follower:
         iterations: int | None = None,
         scene: SceneState | None = None,
     ) -> None:
-        """dimensions: of the performer. parts: `upper` keeps pelvis and legs still. iterations: instead of the file's.
-
-        scene: in the robot's world. Raises ConfigError: the priorities name what the robot does not have.
-        """
+        """dimensions: of the performer. parts: `upper` keeps pelvis and legs still. iterations: replaces the
+        priorities'. scene: in the robot's world. Raises ConfigError if the priorities name what the robot lacks."""
         self._robot = robot
         self.stance = stance = plant(robot, robot.profile.postures.stand)
         limits = following_limits(robot, stance, priorities.deflection_compensation)
@@ -210,44 +195,37 @@ class Follower:
                 balance,
                 standing_strength(robot, priorities, stance),
                 WholeBodyStop(robot.body, limits, servo_limits(robot), stance, carrying, tips=tips),
-                StanceTrajectory(robot, stance, self.landmark_map.standing) if returns else None,
+                StanceTrajectory(robot, stance) if returns else None,
                 legs,
             )
         self._reader = RobotReader(robot, stance)
-        self.strategies = self._strategies_of(priorities, limits, envelope)
-        """How hands get to places that the arms do not reach; None: by the arms alone."""
+        self.strategies: Strategies | None = None
+        """Strategies for places beyond the arms' reach; None: arms alone."""
+        if priorities.strategies and envelope is not None and balance is not None:
+            self.strategies = strategies_of(
+                robot,
+                priorities,
+                stance,
+                self.hierarchy,
+                partial(self._hierarchy_of, limits=limits.unhurried, **REACH),
+                self.landmark_map.standing,
+                balance,
+                self._soles.strength,
+                envelope,
+            )
         self._motion = DesiredMotion(
             robot,
             self.hierarchy,
             limits,
             still=frozenset(soles),
             trunk_at_stance=self._reader.trunk_at_stance,
-            servo_lead=priorities.servo_lead,
+            lag_compensation=priorities.servo_lead,
         )
         self._speed, self._rest, self._settled_s = 1.0, Dwell(), 0.0
 
-    def _strategies_of(
-        self, priorities: Priorities, limits: JointLimits, envelope: Envelope | None
-    ) -> Strategies | None:
-        soles, standing = self._soles, self.landmark_map.standing
-        if not priorities.strategies or envelope is None or soles.balance is None:
-            return None
-        build = partial(self._hierarchy_of, limits=limits.unhurried, **REACH)
-        return strategies_of(
-            self._robot,
-            priorities,
-            self.stance,
-            self.hierarchy,
-            build,
-            standing,
-            soles.balance,
-            soles.strength,
-            envelope,
-        )
-
     @property
     def observers(self) -> Observers:
-        """The robot's."""
+        """The robot's observers."""
         return robot_observers(self._robot)
 
     @property
@@ -257,29 +235,28 @@ class Follower:
 
     @property
     def walks(self) -> bool:
-        """Whether the robot is not on the soles of its stance."""
+        """True while the robot is off the soles of its stance."""
         return self.legs is not None and self.legs.walks
 
     @property
     def footing(self) -> Footing | None:
-        """Where the soles of a robot are planted that stands; None: it has none."""
+        """Places of the planted soles; None without soles."""
         if self.legs is not None:
             return self.legs.footing
         return None if self._soles.stop is None else self._soles.stop.footing
 
     @property
     def _solver(self) -> Solver:
-        """What leads the robot."""
         return self.legs.upper.solver if self.legs is not None and self.legs.walks else self.hierarchy.solver
 
     @property
     def _q(self) -> FloatArray:
-        """The posture (nq,) that was planned last."""
+        """The last planned posture (nq,)."""
         return self._solver.q
 
     @property
     def note(self) -> str:
-        """A sentence for the operator where it can hardly crouch, else ""."""
+        """Note for the operator if the robot can hardly crouch, else ""."""
         return self.landmark_map.note
 
     def _hierarchy_of(
@@ -291,7 +268,6 @@ class Follower:
         iterations: int | None,
         damping: float | None = None,
     ) -> Hierarchy:
-        """The robot's hierarchy, with these DoFs (nv,) locked."""
         return Hierarchy(
             priorities,
             self._robot.body,
@@ -308,7 +284,7 @@ class Follower:
         )
 
     def start(self, human: "HumanPosture") -> RobotPosture:
-        """Stand, at rest. The robot goes to the performer's posture tick by tick, slowly at first."""
+        """Stand at rest. The robot goes to the performer's posture tick by tick."""
         self.landmark_map.restart()
         self._motion.restart()
         self._arms.restart()
@@ -321,81 +297,79 @@ class Follower:
         if self.legs is not None:
             self.legs.restart()
         self._reached = self._reader.read(self._q)
-        return self._posture(self._ask(human, 0.0))
+        return self._posture(self._desired(human, 0.0))
 
     def settle(self, human: "HumanPosture", dt: float) -> RobotPosture | None:
-        """Return the next posture (nq,) on the way from `start` to what a performer who stands still asks for; None:
-        the robot rests there. So a hand that is asked high up has been raised before the performer moves on."""
+        """Return the next posture on the path from `start` to a performer who stands still; None: the robot is
+        there."""
         if self._rest.held >= RESTING_S or self._settled_s >= SETTLING_S:
             self.scene_obstacles.begin()
             return None
         before = self._q
-        posture = self._follow(self._ask(human, dt), dt)
+        posture = self._follow(self._desired(human, dt), dt)
         own = dt * self._speed
         self._rest.step(own, holds=float(np.abs(self._q - before).max()) < RESTING_SPEED * own)
         self._settled_s += dt
         return posture
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
-        """The posture after the next `dt` s."""
-        asked, legs = self._ask(human, dt), self.legs
+        """Return the posture after the next `dt` s."""
+        desired, legs = self._desired(human, dt), self.legs
         if legs is not None:
             speed = legs.desired(human, dt)
             speed = speed if self._speed > AT_SPEED else None
             if speed is not None and not legs.walks:
                 legs.begin(self.stop(dt), self._q, self._solver.velocity, dt)
             if legs.walks:
-                return self._walk(legs, asked, speed, dt)
-        return self._follow(asked, dt)
+                return self._walk(legs, desired, speed, dt)
+        return self._follow(desired, dt)
 
-    def _ask(self, human: "HumanPosture", dt: float) -> DesiredLandmarks:
-        """What a posture asks of the robot, `dt` s after the one before."""
-        asked = self.landmark_map.desired(human, dt)
-        return asked if self.strategies is None else self.strategies.places(asked)
+    def _desired(self, human: "HumanPosture", dt: float) -> DesiredLandmarks:
+        desired = self.landmark_map.desired(human, dt)
+        return desired if self.strategies is None else self.strategies.places(desired)
 
-    def _follow(self, asked: DesiredLandmarks, dt: float) -> RobotPosture:
-        """The posture after the next `dt` s, on the way to what is asked."""
-        self._advance(asked, dt)
-        return self._posture(asked)
+    def _follow(self, desired: DesiredLandmarks, dt: float) -> RobotPosture:
+        self._advance(desired, dt)
+        return self._posture(desired)
 
-    def _walk(self, legs: Legs, asked: DesiredLandmarks, speed: Request | None, dt: float) -> RobotPosture:
-        """The posture after the next `dt` s of a robot whose legs walk: all else follows what is asked."""
+    def _walk(self, legs: Legs, desired: DesiredLandmarks, speed: Request | None, dt: float) -> RobotPosture:
+        """Go on by `dt` s with legs that walk."""
         q, velocity = legs.step(speed, dt)
         if not legs.walks:
             self.hierarchy.solver.correct(q, velocity)
             self._reached = self._reader.read(q)
             self._motion.restart()
-            return self._follow(asked, dt)
+            return self._follow(desired, dt)
         upper, targets = legs.upper, self._targets
         self.scene_obstacles.tick(upper, dt)
         upper.solver.correct(q, velocity)
         self._reached = self._reader.read(q)
-        self._motion.aim(targets, asked, self._reached, dt, speed_override=self._speed)
-        is_led = self._arms.step(
-            upper, targets, q, dt, limbs=asked.limbs, reached=self._reached, speed_override=self._speed
+        self._motion.aim(targets, desired, self._reached, dt, speed_override=self._speed)
+        driven = self._arms.step(
+            upper, targets, q, dt, limbs=desired.limbs, reached=self._reached, speed_override=self._speed
         )
         if self._soles.strength is not None:
             self._soles.strength.aim(upper, targets, q, self._reached.centre_of_mass, dt, keeps=False)
         legs.leave_out(targets)
-        upper.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
+        upper.set_previous(targets, q, dt, settle=DRIVEN_SETTLE_S if driven else inf)
         legs.foresee(q, velocity, dt)
         self._reached = reached = self._reader.read(upper.solver.frame(targets, dt, self._speed))
-        # Soles and pelvis are where the path has them, and all else goes along with the pelvis.
+        # Soles and pelvis are on their path, and other landmarks move along with the pelvis.
         names, soles = self.landmark_map.names, {sole.frame.name for sole in self.stance.soles}
         pelvis = names.index(PELVIS)
-        along = minus(reached.landmarks[pelvis], asked.landmarks[pelvis])
-        rows = zip(names, asked.landmarks, reached.landmarks, strict=True)
+        along = minus(reached.landmarks[pelvis], desired.landmarks[pelvis])
+        rows = zip(names, desired.landmarks, reached.landmarks, strict=True)
         landmarks = [here if name in soles else plus(there, along) for name, there, here in rows]
-        return self._posture(replace(asked, landmarks=landmarks))
+        return self._posture(replace(desired, landmarks=landmarks))
 
-    def _advance(self, asked: DesiredLandmarks, dt: float, *, to_stance: bool = False) -> None:
-        """Go on by `dt` s towards what is asked. to_stance: whether the robot returns to its stance."""
+    def _advance(self, desired: DesiredLandmarks, dt: float, *, to_stance: bool = False) -> None:
+        """Go on by `dt` s towards the desired landmarks, or to the stance."""
         targets, hierarchy, q = self._targets, self.hierarchy, self._q
         self.scene_obstacles.tick(hierarchy, dt)
         soles = self._soles
         if soles.balance is not None:
             if soles.stop is not None and soles.stop.footing is not None:
-                # Soles that are off their places go back there no faster than legs can stop.
+                # Displaced soles return no faster than legs can stop.
                 slip, _ = soles.stop.footing.losses(q[None])
                 if slip > SLIPPED_M:
                     share = braking_displacement(slip, SOLE_BRAKING * dt * dt) / slip
@@ -408,23 +382,23 @@ class Follower:
         if soles.strength is not None:
             soles.strength.aim(hierarchy, targets, q, self._reached.centre_of_mass, dt)
         if to_stance:
-            self._motion.ask_nothing(targets)
-            is_led = True
+            self._motion.clear(targets)
+            driven = True
         else:
-            asked = asked if self.strategies is None else self.strategies.choose(asked, self._reached, dt)
-            self._motion.aim(targets, asked, self._reached, dt, speed_override=self._speed)
+            desired = desired if self.strategies is None else self.strategies.choose(desired, self._reached, dt)
+            self._motion.aim(targets, desired, self._reached, dt, speed_override=self._speed)
             if self.strategies is None or self.strategies.is_arm_alone:
-                is_led = self._arms.step(
-                    hierarchy, targets, q, dt, limbs=asked.limbs, reached=self._reached, speed_override=self._speed
+                driven = self._arms.step(
+                    hierarchy, targets, q, dt, limbs=desired.limbs, reached=self._reached, speed_override=self._speed
                 )
             else:
-                is_led = self._arms.release(hierarchy, targets)
+                driven = self._arms.release(hierarchy, targets)
             if self.strategies is not None:
                 self.strategies.weigh(targets)
-        for sole in asked.soles:
+        for sole in desired.soles:
             hierarchy.weigh(targets, SlotKind.POSITION, sole.name, sole.weight)
             hierarchy.set_orientation(targets, sole.frame, np.array(sole.orientation))
-        hierarchy.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
+        hierarchy.set_previous(targets, q, dt, settle=DRIVEN_SETTLE_S if driven else inf)
         if (stop := self._stop(q, hierarchy.solver.velocity, dt)) is not None:
             hierarchy.solver.foresee(stop.postures[-1:], dt * (len(stop.postures) - 1))
         q = hierarchy.solver.frame(targets, dt, self._speed)
@@ -434,17 +408,16 @@ class Follower:
         self._reached = self._reader.read(q)
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
-        """Return the next posture (nq,), m, wxyz and rad, of the return to stance; None: the robot stands, or needs no
-        return."""
+        """Return the next posture (nq,) of the return to stance; None: the robot stands, or needs no return."""
         to_stance, hierarchy = self._soles.to_stance, self.hierarchy
         if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt):
             return None
-        hierarchy.set_posture(self._targets, to_stance.lead(self._speed))
-        self._advance(to_stance.asked, dt, to_stance=True)
+        hierarchy.set_posture(self._targets, to_stance.step(self._speed))
+        self._advance(self.landmark_map.standing, dt, to_stance=True)
         return self._in_world(self._q)
 
     def begin_return_to_stance(self, q: FloatArray, dt: float) -> None:
-        """Begin the return to stance in posture q (nq,), m, wxyz and rad, whether the robot has followed or not."""
+        """Begin the return to stance in posture q (nq,)."""
         if self.legs is not None:
             self.legs.stand()
         self.reseed(q, np.zeros(self._robot.body.nv))
@@ -452,43 +425,42 @@ class Follower:
             self._soles.to_stance.begin(q, dt)
 
     def set_speed_override(self, override: float) -> None:
-        """Follow at a share (0, 1] of all speeds, with its square of all accelerations, from the next tick on."""
+        """Follow at a share (0, 1] of all speeds, and its square of all accelerations, from the next tick on."""
         self._speed = override
 
     def stop(self, dt: float) -> StopPath | None:
-        """How the robot stops on its soles from the posture that was planned last; None: its legs do not move."""
+        """Return the stop on its soles from the last planned posture; None: its legs do not move."""
         if self.legs is not None and self.legs.walks:
             return self.legs.stop(self._q, self._solver.velocity, dt)
         return self._moved(self._stop(self._q, self._solver.velocity, dt))
 
     def stop_from(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath | None:
-        """How the robot stops on its soles from posture q (nq,), moving at velocity (nv,) per s; None: its legs do not
-        move."""
+        """Return the stop on its soles from posture q (nq,) and velocity (nv,) per s; None: its legs do not move."""
         if self.legs is not None:
             q, velocity = self.legs.seen(q, velocity)
         return self._moved(self._stop(q, velocity, dt))
 
     def _stop(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath | None:
-        """The same in the world of the stance."""
+        """Return the stop in the world of the stance."""
         return None if self._soles.stop is None else self._soles.stop.path(q, velocity, dt)
 
     def _moved(self, stop: StopPath | None) -> StopPath | None:
-        """A stop in the world of the stance as one in the world."""
+        """Return a stop of the world of the stance in the world."""
         return stop if stop is None or self.legs is None else self.legs.moved(stop)
 
     def resume(self) -> None:
-        """Follow again after a hold: what was asked before is no motion to it."""
+        """Follow again after a hold, from rest."""
         self._motion.restart()
 
     def pass_time(self, dt: float) -> None:
-        """Let obstacles move on in a tick in which the follower does not lead the robot."""
+        """Move obstacles in a tick in which the follower does not drive the robot."""
         if self.legs is not None:
             self.legs.hold()
         self.scene_obstacles.tick(None, dt)
 
     def reseed(self, q: FloatArray, velocity: FloatArray, *, rests: bool = True) -> None:
-        """Go on from posture q (nq,), moving at velocity (nv,) per s: another goal was sent than was planned. rests:
-        what is led joint by joint begins at rest there."""
+        """Go on from posture q (nq,) and velocity (nv,) per s, to which the robot was sent instead. rests: trajectories
+        of joints begin at rest there."""
         if self.legs is not None:
             self.legs.locate(q)
             q, velocity = self.legs.seen(q, velocity)
@@ -500,14 +472,12 @@ class Follower:
                 self._soles.to_stance.reset(q)
 
     def _in_world(self, q: FloatArray) -> FloatArray:
-        """A posture (nq,) of the world of the stance in the world."""
         return q if self.legs is None else self.legs.in_world(q)
 
     def _points_in_world(self, points: FloatArray) -> FloatArray:
-        """Points (..., 3) m of the world of the stance in the world."""
         return points if self.legs is None else self.legs.points_in_world(points)
 
-    def _posture(self, asked: DesiredLandmarks) -> RobotPosture:
+    def _posture(self, desired: DesiredLandmarks) -> RobotPosture:
         robot, q, reached = self._robot, self._in_world(self._q), self._reached
         free = robot.profile.root == "free"
         return RobotPosture(
@@ -516,7 +486,7 @@ class Follower:
             root_position=q[:3] if free else robot.body.body_pos[1],
             root_quaternion=q[3:7] if free else robot.body.body_quat[1],
             landmark_names=self.landmark_map.names,
-            landmarks_asked=self._points_in_world(np.array(asked.landmarks)),
+            landmarks_asked=self._points_in_world(np.array(desired.landmarks)),
             landmarks_reached=self._points_in_world(reached.points),
             centre_of_mass=self._points_in_world(reached.centre_of_mass),
             observer_modes=self._solver.observer_modes,

@@ -1,4 +1,4 @@
-"""The limits within which a robot follows: those of its servos under load and lag, soft limits, and bent limbs."""
+"""Limits of a robot that follows: of its servos under load and lag, soft limits, and bent limbs."""
 
 from dataclasses import replace
 
@@ -14,21 +14,17 @@ from retarget.robot.landmarks import standing_dofs
 from retarget.schema.priorities import DeflectionCompensationSettings
 from retarget.types import FloatArray
 
-# Speeds at which the guard does not take a lagging servo for a stuck one.
-#
-# A position loop with a P gain is behind a goal of steady speed by its time constant, and by the time that goal and
-# reading take on the bus. The guard stops a robot one of whose servos is far from its goal for long. A plan that turns
-# a joint so fast for so long would stop the robot.
+# Speeds at which lagging servos stay within the guard's following error. A position loop with a P gain lags by its time
+# constant and by a cycle of the bus.
 
 SHARE = 0.95
-"""Share of the sustained following error that a plan uses where the profile gives no `planned_lag`."""
+"""Share of the sustained following error that a plan uses if the profile has no `planned_lag`."""
 
 
 def followed_speed(robot: RobotBody, limits: JointLimits, *, tracking_delay: float) -> JointLimits:
-    """Limits (nv,) with speeds at which every servo stays within the `planned_lag` of its profile.
+    """Return limits (nv,) with speeds at which servos stay within the profile's `planned_lag`.
 
-    tracking_delay: s that a servo is late beyond its own lag and the cycle of the bus. A profile with neither that key
-    nor `following_error_sustained` keeps its limits.
+    tracking_delay: s of lag beyond that of servos and bus. A profile without limits of lag keeps its speeds.
     """
     safety = robot.profile.safety
     lag = safety.planned_lag
@@ -38,7 +34,7 @@ def followed_speed(robot: RobotBody, limits: JointLimits, *, tracking_delay: flo
         return limits
     speed = limits.max_velocity.copy()
     for servo in robot.joint_map.servos:
-        if servo.coupling is not None:  # its lag is not that of one joint
+        if servo.coupling is not None:  # more than one joint lags
             continue
         behind = loop_lag(servo) + 1.0 / safety.rate_hz + tracking_delay
         dof = robot.body.dof_index(servo.joint)
@@ -46,17 +42,15 @@ def followed_speed(robot: RobotBody, limits: JointLimits, *, tracking_delay: flo
     return replace(limits, max_velocity=speed)
 
 
-# How fast the joints of a robot turn while they carry it: a motor under load is slower than one that runs free.
-
 SLOWEST = 0.25
-"""Share of its speed that a joint keeps, however heavy its load."""
+"""Share of its speed that a joint keeps under any load."""
 
 
 def loaded_speed(robot: RobotBody, limits: JointLimits, *, speed_margin: float) -> JointLimits:
-    """Limits (nv,) with the speeds at which servos hold the robot up in its lowest posture, on both soles.
+    """Return limits (nv,) with the speeds of loaded servos in the lowest posture, on both soles.
 
-    A DC motor's speed falls in proportion to its torque, from the no-load speed to none at stall. speed_margin: share
-    by which the load in motion exceeds the one at rest. A robot that does not stand keeps its limits.
+    A DC motor's speed falls linearly from no-load speed to none at stall torque. speed_margin: share by which the load
+    exceeds that at rest. A robot that does not stand keeps its limits.
     """
     if not robot.stands:
         return limits
@@ -76,16 +70,14 @@ def loaded_speed(robot: RobotBody, limits: JointLimits, *, speed_margin: float) 
     return replace(limits, max_velocity=speed)
 
 
-# Soft limits: joints that carry a robot keep off the ends of their range. A servo overshoots its goal, and hitting a
-# mechanical stop throws the robot off its soles.
-
 MOST_SHARE = 0.25
 """Greatest share of a joint's range that a soft limit takes from an end."""
 
 
 def soft_limits(robot: RobotBody, limits: JointLimits, *, margin: float) -> JointLimits:
-    """Limits (nv,) with the joints between root and soles kept `margin` rad off both ends of the range of their servos,
-    MOST_SHARE of it at most, and as far as `stand` allows. A robot that does not stand keeps its limits."""
+    """Return limits (nv,) in which joints between root and soles keep `margin` rad from their ends, within MOST_SHARE
+    and `stand`. A servo that overshoots into a mechanical stop would throw the robot over. A robot that does not stand
+    keeps its limits."""
     if not robot.stands or margin == 0.0:
         return limits
     lower, upper = limits.lower.copy(), limits.upper.copy()
@@ -103,19 +95,15 @@ def soft_limits(robot: RobotBody, limits: JointLimits, *, margin: float) -> Join
 
 
 LIMBS = {"knee": ("hip", "ankle"), "elbow": ("shoulder", "hand")}
-"""Middle joint of a limb, and the frames at its ends."""
+"""Middle joint of a limb: frames at its ends."""
 BENT = 0.2
-"""Bend (rad) that knees and elbows keep, towards where the standing robot bends them.
-
-A straight limb is singular: a straight leg could not move its hip on without turning its knee at once, and an arm that
-stretches for something out of reach would swing its elbow from one side to the other. It costs 0.5 % of the reach."""
+"""Bend that knees and elbows keep, rad: straight limbs are singular. It costs 0.5 % of the reach."""
 SAMPLES = 181
-"""Angles at which a joint is tried."""
+"""Number of angles at which a joint is tried."""
 
 
 def servo_limits(robot: RobotBody) -> JointLimits:
-    """The limits (nv,) of a robot's servos, with speeds capped by the profile's share for following. A free root has
-    none."""
+    """Return the limits (nv,) of a robot's servos, with the profile's cap of following speeds; a free root has none."""
     servos, body = robot.limits, robot.body
     dofs = [body.dof_index(joint) for joint in robot.joint_map.joints]
     columns = []
@@ -134,8 +122,8 @@ def servo_limits(robot: RobotBody) -> JointLimits:
 def following_limits(
     robot: RobotBody, stance: Stance, deflection_compensation: DeflectionCompensationSettings | None = None
 ) -> JointLimits:
-    """Limits of every DoF (nv,): those of the servos, with knees and elbows kept bent. deflection_compensation: of a
-    robot with mass; adds soft limits, and speeds of loaded and lagging servos."""
+    """Return the limits (nv,) of servos, with knees and elbows kept bent. deflection_compensation: adds soft limits,
+    and the speeds of loaded and lagging servos."""
     limits = servo_limits(robot)
     for middle, ends in LIMBS.items():
         for side in ("l", "r"):
@@ -149,7 +137,7 @@ def following_limits(
 
 
 def _keep_bent(robot: RobotBody, stance: Stance, limb: list[str], lower: FloatArray, upper: FloatArray) -> None:
-    """Draw in the limit (nv,) of a limb's middle joint on its straight side, if the profile has its frames."""
+    """Reduce the limits (nv,) of a limb's middle joint on its straight side, if the profile has its frames."""
     body = robot.body
     if not set(limb) <= set(robot.profile.frames):
         return

@@ -1,9 +1,8 @@
-"""Free legs: a robot that nothing carries goes where its performer goes, as a viewer or a trainer wants it.
+"""Free legs: a robot without ground contact follows the performer's path, as in a viewer or for training.
 
-The robot's world is then the performer's, scaled by the length of the legs, with the origin where they begin and x
-where they face then. The pelvis is over the ground as theirs is, and feet by the length of the legs from it. Legs of
-robot and performer have other hips and ankles, so that soles would sink or hover: the whole body is raised or lowered
-until the lower ankle is as high above its height in the stance as theirs is.
+Its world is the performer's, scaled by the length of the legs, from their first place and heading. As the legs of robot
+and performer differ, the whole body is raised or lowered until its lower ankle has the performer's height above the
+stance.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,20 +17,20 @@ LEFT, UP = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 """Unit vectors in the robot's world."""
 SIDES = ("l", "r")
 SWING = 0.3
-"""Weight of a sole that does not carry: a swing foot may lag without pulling the pelvis or the stance foot."""
+"""Weight of a swing foot, which may lag without pulling pelvis or stance foot."""
 CARRY_S = 0.05
-"""Time constant (s) with which a sole takes the other weight."""
+"""Time constant of these weights, s."""
 SPOT = 0.05
-"""A foot that carries stays on its spot as long as the performer's is within so many lengths of the robot's leg from
-there. An ankle that rolls over its toes gets 0.15 far; a foot that waits until then has to hurry, and the legs lag."""
+"""A stance foot stays on its spot while the performer's is within this share of the leg. With 0.15, which an ankle that
+rolls over its toes reaches, feet must hurry and legs lag."""
 SPOT_S = 0.1
-"""Time constant (s) with which a foot that no longer carries gets to where the performer's is."""
+"""Time constant with which a lifted foot leaves its spot, s."""
 
 
 @dataclass(frozen=True)
 class FreeFoot:
-    """A landmark that is a sole. row: of the landmarks; frame: its name; side: 0 left, 1 right; offset: the sole from
-    the ankle, m, in its own frame."""
+    """Landmark of a sole: its row, its frame, side (0 left, 1 right), and offset from the ankle, m, in its own
+    frame."""
 
     row: int
     frame: str
@@ -40,17 +39,16 @@ class FreeFoot:
 
 
 class FreeLegs:
-    """Pelvis and feet of one robot that goes where its performer does."""
+    """Pelvis and feet of one robot with free legs."""
 
     def __init__(
         self, feet: Sequence[FreeFoot], scale: float, dimensions: HumanDimensions, rest: Mapping[str, FloatArray]
     ) -> None:
-        """feet: left, right. scale: of the robot's leg over the performer's. rest: place (3,) m of each joint, standing
-        upright."""
+        """feet: left, right. scale: of the robot's leg to the performer's. rest: places (3,) m of joints, standing."""
         self.feet = tuple(feet)
         hips = {"l_hip": 0.5 * scale, "r_hip": 0.5 * scale}
         self.sums: tuple[dict[str, float], ...] = (hips, {"l_ankle": scale}, {"r_ankle": scale})
-        """The middle of the hips and both ankles, as sums of the performer's joints, in the robot's size."""
+        """Sums of the performer's joints, scaled: the middle of the hips, and both ankles."""
         self._ankle = scale * FRACTIONS.ankle_height * dimensions.stature
         self._spot = SPOT * scale * (rest["l_hip"][2] - rest["l_ankle"][2])
         lines = [as_vector(rest[f"{side}_toe"] - rest[f"{side}_ankle"]) for side in SIDES]
@@ -58,21 +56,21 @@ class FreeLegs:
         self.restart()
 
     def restart(self) -> None:
-        """Begin at the origin, on both feet."""
+        """Start at the origin, on both feet."""
         self._begin: tuple[float, float] | None = None
         self._weights = [1.0, 1.0]
         self._aside = [(0.0, 0.0), (0.0, 0.0)]
         self._spots: list[tuple[float, float] | None] = [None, None]
 
     def place(self, point: Vector) -> Vector:
-        """A point of the performer, m, in the robot's size, from where the middle of their hips began."""
+        """Return a scaled point of the performer, m, relative to the first place of their hips."""
         x, y, z = point
         if self._begin is None:
             self._begin = (x, y)
         return x - self._begin[0], y - self._begin[1], z
 
     def spots(self, desired: Sequence[Vector], carrying: Carrying, dt: float) -> list[Vector]:
-        """Where left and right sole are to be, m, `dt` s later. desired: where they are to be without spots."""
+        """Return the places of left and right sole, m, `dt` s later. desired: places without spots."""
         spots = []
         for foot, ((x, y, z), carries) in enumerate(zip(desired, carrying.feet, strict=True)):
             if carries:
@@ -87,8 +85,8 @@ class FreeLegs:
         return spots
 
     def turns(self, lines: Sequence[Vector]) -> tuple[Quat, ...]:
-        """Orientations of both soles: flat and forward where the performer's feet are as at rest. lines: from ankles to
-        toes."""
+        """Return orientations of both soles: flat and forward if the performer's feet are as at rest. lines: from ankle
+        to toe."""
         found = []
         for line, (rest_yaw, rest_pitch) in zip(lines, self._rest, strict=True):
             yaw, pitch = _direction(line)
@@ -96,13 +94,13 @@ class FreeLegs:
         return tuple(found)
 
     def weights(self, carrying: Carrying, dt: float) -> tuple[float, ...]:
-        """Weights of the places of both soles `dt` s later: one that stands does not slide."""
+        """Return the weights of both soles `dt` s later."""
         for side, carries in enumerate(carrying.feet):
             self._weights[side] = low_pass(self._weights[side], 1.0 if carries else SWING, dt / CARRY_S)
         return tuple(self._weights)
 
     def lift(self, landmarks: Sequence[Vector], turns: Sequence[Quat], ankles: Sequence[Vector]) -> float:
-        """How far up all landmarks go, m, so that no ankle is lower than the performer's. ankles: theirs."""
+        """Return the height, m, by which to raise all landmarks, so that no ankle is lower than the performer's."""
         needed = []
         for foot in self.feet:
             ankle = minus(landmarks[foot.row], rotated(turns[foot.side], foot.offset))
@@ -112,7 +110,7 @@ class FreeLegs:
 
 
 def _direction(line: Vector) -> tuple[float, float]:
-    """Yaw and pitch, rad, of a line; upwards is positive."""
+    """Yaw and pitch (upwards positive) of a line, rad."""
     x, y, z = line
     across = hypot(x, y)
     return (arctan2(y, x) if across > 0.0 else 0.0), arctan2(z, across)

@@ -1,13 +1,11 @@
-"""Reachability map: which hand places a robot on its soles reaches by its arm, with its trunk, and by a crouch.
+"""Reachability map: places that a hand of a robot on its soles reaches by its arm, with its trunk, and by a crouch.
 
-A place is relative to where the robot stands: the middle of its soles, x forward, m. The map is measured by the robot's
-own hierarchy, without rates: soles, balance, strength, limits and self collision are those of following. A hand goes
-from the stance to each node of a grid, beside those that were reached, while the other hand keeps its place: once with
-the trunk asked as it stands (the arm), and once for each of some heights of the pelvis with the trunk free.
+Places are relative to the middle of the soles, x forward, m. The robot's own hierarchy measures the map, without rates:
+a hand goes from the stance to nodes of a grid, outward from those that it reached, once with the trunk in its stance
+(the arm), and once for each of some heights of the pelvis with the trunk free. The other hand keeps its place.
 
-For each node the field holds the distance to the edge of what was reached, m, negative inside. Outside it is the
-distance to the nearest place that a hand got to; inside, how far away the nearest place is that none got to. Between
-nodes it is interpolated. A map is measured once, and kept in the cache.
+The field is the distance to the edge of the reached region, m, negative inside: the distance to the nearest place that
+a hand got to, or inside to the nearest that it did not. A map is measured once, and kept in the cache.
 """
 
 import zipfile
@@ -39,35 +37,35 @@ from retarget.schema.priorities import PositionTask, Priorities
 from retarget.types import BoolArray, FloatArray, Watch, unwatched
 
 HANDS = ("l_hand", "r_hand")
-"""Landmarks of which the map is."""
+"""Landmarks of the map."""
 NODES = 4
-"""Nodes of the grid in the length of an arm."""
+"""Nodes per length of an arm."""
 HEIGHTS = 5
-"""Heights of the pelvis, from the lowest of the crouch envelope to that of the stance."""
+"""Heights of the pelvis, from the crouch envelope's lowest to the stance's."""
 CLOSE_M, KEPT = 0.004, 0.002
-"""A place is reached that a hand gets so near to (m), with the tasks of higher levels no farther off (m, rad)."""
+"""Errors, m and rad, up to which a place is reached, and tasks of higher levels are kept."""
 REACH: Mapping[str, Any] = {"iterations": 6, "damping": 0.5}
-"""Of the solver, in a frame."""
+"""Parameters of the solver."""
 FRAMES, PROGRESS_M = 8, 0.001
-"""Frames for a place, fewer once one brings less than so many m or the place is reached."""
+"""Greatest number of frames for a place, and progress of a frame, m, below which it is given up."""
 WAYPOINTS = (0.25, 0.5, 0.75)
-"""Shares of the way to a place at which the hand is asked first, a frame each."""
+"""Shares of the path to a place that are targets first, a frame each."""
 AMID = 4
-"""Neighbours that are reached amid which a node is tried again."""
+"""Number of reached neighbours from which a missed node is tried again."""
 FREED = 0.1
-"""Weight of the trunk, as a share, where it is free to lean and twist for a hand."""
+"""Relative weight of a free trunk."""
 FORMAT = b"reach 4"
-"""Changes whenever maps that were measured before no longer hold."""
+"""To be changed when maps in caches become invalid."""
 MOST_BYTES = 1 << 26
 FAR_M = 1.0
-"""Distance where nothing is reached at all."""
+"""Distance if nothing is reached."""
 
 Node = tuple[int, int, int]
 
 
 class FreeTrunk:
-    """Weights of a hierarchy with which hands are asked for by the lines of their arms, or go to places in the world
-    with a trunk that leans and twists for them, and a pelvis that keeps its height."""
+    """Weights of a hierarchy between hands that follow the lines of arms, and hands with places in the world and a free
+    trunk."""
 
     def __init__(self, priorities: Priorities, hierarchy: Hierarchy) -> None:
         self._hierarchy = hierarchy
@@ -76,7 +74,7 @@ class FreeTrunk:
         self._heights = [int(slot[0]) for task, slot in zip(of_pelvis, slots, strict=True) if is_height(task)]
 
     def weigh(self, targets: FloatArray, share: float) -> None:
-        """Free the trunk by a share, 0 to 1, in a target vector in which all else is set."""
+        """Free the trunk by a share, 0 to 1, in a target vector that is otherwise complete."""
         for name in HANDS:
             self._hierarchy.weigh(targets, SlotKind.LIMB, name, 1.0 - share)
             self._hierarchy.weigh(targets, SlotKind.POSITION, name, share)
@@ -88,14 +86,13 @@ class FreeTrunk:
 
 
 def is_height(task: PositionTask) -> bool:
-    """Return whether a task is on a height alone."""
+    """Return True for a task on a height alone."""
     return isinstance(task.weight, tuple) and task.weight[:2] == (0.0, 0.0)
 
 
 class HandReach:
-    """The map of one hand. low (3,): place of the first node; spacing: between nodes; field (x, y, z, 1 + h + 3):
-    distances to the edge of what the arm reaches and of what is reached at each of h heights, and the line to the
-    nearest place that is reached at any, all m."""
+    """The map of one hand, m. low (3,): the first node; spacing: of nodes; field (x, y, z, 1 + h + 3): distances to the
+    edges of the arm's reach and of that at each of h heights, and the line to the nearest place in reach."""
 
     def __init__(self, low: FloatArray, spacing: float, field: FloatArray) -> None:
         self.low, self.spacing, self.field = low, spacing, field
@@ -107,12 +104,12 @@ class HandReach:
         self._flat = np.ascontiguousarray(field.reshape(-1, field.shape[3]))
 
     def inside(self, place: Sequence[float]) -> Vector:
-        """The nearest place, m, that the grid covers."""
+        """Return the nearest place, m, that the grid covers."""
         x, y, z = (min(max(v, axis[0]), end) for v, axis, end in zip(place, self._axes, self._ends, strict=True))
         return x, y, z
 
     def at(self, place: Vector) -> list[float]:
-        """The field at a place inside, m: between the nodes at the corners of its cell."""
+        """Return the field at a place inside, m, interpolated in its cell."""
         start, shares = 0, list[tuple[float, float]]()
         for v, (low, stride, last) in zip(place, self._axes, strict=True):
             along = (v - low) / self.spacing
@@ -138,11 +135,8 @@ class ReachMap:
     heights: tuple[float, ...]
 
 
-# Measuring.
-
-
 class ReachProbe:
-    """Moves the hands of one robot on its soles as far as they get, without rates."""
+    """Measures the map of one robot on its soles."""
 
     def __init__(
         self,
@@ -155,7 +149,7 @@ class ReachProbe:
         strength: StandingStrength | None,
         envelope: Envelope,
     ) -> None:
-        """hierarchy: without rates, as REACH has it. standing: the landmarks of the stance."""
+        """hierarchy: without rates, for REACH. standing: landmarks of the stance."""
         self._hierarchy, self._stance, self._balance, self._strength = hierarchy, stance, balance, strength
         self._free = FreeTrunk(priorities, hierarchy)
         self._reader, marks = RobotReader(robot, stance), robot.profile.landmarks
@@ -180,7 +174,7 @@ class ReachProbe:
         hierarchy.set_look_at(targets, HEAD, 1e3 * np.array(standing.gaze))
 
     def measure(self, watch: Watch = unwatched) -> ReachMap:
-        """Measure the map; seconds to a minute."""
+        """Measure the map, in seconds to a minute."""
         hands = []
         with watch("reachability map", len(HANDS) * (1 + HEIGHTS)) as done:
             for number, hand in enumerate(HANDS):
@@ -192,7 +186,7 @@ class ReachProbe:
         return ReachMap(tuple(hands), self.heights)
 
     def _flood(self, hand: str, height: float | None) -> "_Layer":
-        """What a hand reaches with the pelvis at a height, m; None: by the arm, as the robot stands."""
+        """The reach of a hand with the pelvis at a height, m; None: by the arm in the stance."""
         layer, row = _Layer({}, []), self._rows[hand]
         targets, by_place = self._standing.copy(), float(height is not None)
         if height is not None:
@@ -204,7 +198,7 @@ class ReachProbe:
         ends: dict[Node, FloatArray] = {}
 
         def reach(node: Node, q: FloatArray, shares: Sequence[float]) -> None:
-            """Try a node from posture q (nq,), by shares of the way from where the hand stands."""
+            """Try a node from posture q (nq,), by shares of the path from the stance's place."""
             place = self.spacing * np.array(node)
             for share in (*shares, 1.0):
                 targets[slots] = (1.0, *(at + share * (place - at) - begin).tolist())
@@ -216,13 +210,15 @@ class ReachProbe:
             if np.isfinite(there).all():
                 layer.places.append(there)
 
-        queue = deque(_around(at, self.spacing))
+        first = np.floor(at / self.spacing).astype(int)
+        corners = {(x, y, max(z, 0)) for x, y, z in (first + np.indices((2, 2, 2)).reshape(3, -1).T).tolist()}
+        queue = deque(sorted(corners, key=lambda node: float(norms(self.spacing * np.array(node) - at))))
         while queue:
             node = queue.popleft()
             if node not in layer.reached:
                 reach(node, start, WAYPOINTS)
                 queue.extend(_neighbours(node) if layer.reached[node] else ())
-        # A node that is missed amid others that are reached is tried from their postures, too.
+        # A missed node is tried again from the postures of its neighbours.
         for node in [node for node, there in layer.reached.items() if not there]:
             near = [ends[one] for one in _neighbours(node) if one in ends]
             for q in near if len(near) >= AMID else ():
@@ -233,8 +229,8 @@ class ReachProbe:
     def _go(
         self, targets: FloatArray, q: FloatArray, row: int, place: FloatArray | None, height: float | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Go on from posture q (nq,). Returns the posture at the end, and where the landmark of a row is, (3,) m; NaN
-        where a task of a higher level, or the height of the pelvis, is missed. place: where it is to be, m."""
+        """Go on from posture q (nq,) to a place, m. Returns the final posture and place (3,) m of a landmark; NaN if
+        higher levels, or the height of the pelvis, are missed."""
         solver, last = self._hierarchy.solver, np.inf
         for _ in range(FRAMES):
             q = self._frame(targets, q)
@@ -249,7 +245,6 @@ class ReachProbe:
         return q, now.points[row] if kept else np.full(3, np.nan)
 
     def _frame(self, targets: FloatArray, q: FloatArray) -> FloatArray:
-        """The posture after one frame from posture q (nq,)."""
         at = self._reader.read(q).centre_of_mass
         self._hierarchy.set_support(targets, self._balance.spaces(at, np.zeros(3), 1.0))
         if self._strength is not None:
@@ -266,22 +261,14 @@ class _Layer:
     places: list[FloatArray]
 
 
-def _around(place: FloatArray, spacing: float) -> list[Node]:
-    """The nodes at the corners of the cell that a place (3,) m is in, the nearest first."""
-    first = np.floor(place / spacing).astype(int)
-    nodes = [(x, y, max(z, 0)) for x, y, z in (first + np.indices((2, 2, 2)).reshape(3, -1).T).tolist()]
-    return sorted(set(nodes), key=lambda node: float(norms(spacing * np.array(node) - place)))
-
-
 def _neighbours(node: Node) -> list[Node]:
-    """The nodes beside a node, none of them below the ground."""
+    """The adjacent nodes above the ground."""
     x, y, z = node
     near = [(x - 1, y, z), (x + 1, y, z), (x, y - 1, z), (x, y + 1, z), (x, y, z - 1), (x, y, z + 1)]
     return [one for one in near if one[2] >= 0]
 
 
 def _hand_reach(layers: Sequence[_Layer], spacing: float) -> HandReach:
-    """The map of a hand, from the layers of the arm and of all heights."""
     tried = np.array(sorted({node for layer in layers for node in layer.reached}))
     low, size = tried.min(axis=0), tried.max(axis=0) - tried.min(axis=0) + 1
     nodes = (low + np.moveaxis(np.indices(size), 0, -1)).reshape(-1, 3)
@@ -302,8 +289,8 @@ def _hand_reach(layers: Sequence[_Layer], spacing: float) -> HandReach:
 def _distances(
     nodes: FloatArray, reached: BoolArray, missed: BoolArray, places: Sequence[FloatArray], spacing: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Distances (n,) of nodes (n, 3) to the edge, and lines (n, 3) to the nearest place of a hand; zero for those that
-    are reached."""
+    """Distances (n,) of nodes (n, 3) to the edge, and lines (n, 3) to the nearest place of a hand, zero for reached
+    ones."""
     distance, line = np.full(len(nodes), FAR_M), np.zeros((len(nodes), 3))
     if places:
         ends = np.array(places)
@@ -312,7 +299,7 @@ def _distances(
             length = norms(gaps)
             nearest = int(length.argmin())
             distance[row], line[row] = length[nearest], gaps[nearest]
-    # No hand got nearer to a missed node than its distance: so the edge is outside of that ball.
+    # The edge is outside a ball about a missed node, with the radius of its distance.
     balls, radii = nodes[missed], distance[missed]
     for row in np.flatnonzero(reached).tolist():
         depth = (norms(balls - nodes[row]) - radii).min() if len(balls) else np.inf
@@ -320,11 +307,8 @@ def _distances(
     return distance, line
 
 
-# Kept in the cache: arrays alone, under a name that says of which robot and of which priorities they are.
-
-
 def map_path(robot: RobotBody, priorities: Priorities) -> Path:
-    """Where the map of a robot with these priorities is kept."""
+    """Return the place of the map of a robot with these priorities in the cache."""
     digest = sha256(
         FORMAT + f" {NODES} {HEIGHTS} ".encode() + robot.content + priorities.model_dump_json().encode()
     ).hexdigest()
@@ -332,7 +316,7 @@ def map_path(robot: RobotBody, priorities: Priorities) -> Path:
 
 
 def save_map(found: ReachMap, path: Path) -> None:
-    """Write a map, whole or not at all. Raises UsageError with the system's reason."""
+    """Write a map. Raises UsageError with the system's reason."""
     arrays = {"heights": np.array(found.heights)}
     for name, hand in zip(HANDS, found.hands, strict=True):
         arrays |= {f"{name}_low": hand.low, f"{name}_spacing": np.array(hand.spacing), f"{name}_field": hand.field}
@@ -341,7 +325,7 @@ def save_map(found: ReachMap, path: Path) -> None:
 
 
 def load_map(path: Path) -> ReachMap | None:
-    """Read a map; None where there is none, or one that is damaged."""
+    """Read a map; None if it is missing or damaged."""
     with suppress(InputError, KeyError, zipfile.BadZipFile):
         read = open_arrays(path, lambda names: names, max_bytes=MOST_BYTES, advice="Delete it")
         heights = read.floats("heights", HEIGHTS)
@@ -359,7 +343,7 @@ def load_map(path: Path) -> ReachMap | None:
 
 
 def reach_map(robot: RobotBody, priorities: Priorities, probe: Callable[[], ReachProbe]) -> ReachMap:
-    """The map of a robot: from the cache, or measured by a probe and put there where that is possible."""
+    """Return the map of a robot, from the cache or measured by a probe; it is kept in the cache if possible."""
     path = map_path(robot, priorities)
     found = load_map(path)
     if found is None:

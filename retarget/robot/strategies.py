@@ -1,13 +1,9 @@
-"""Motion strategies: how a robot on its soles gets its hands to places that its arms alone do not reach.
+"""Motion strategies: means by which a robot on its soles gets its hands to places beyond its arms' reach.
 
-In the order of their cost: the arm, with the trunk where the performer has it; the trunk, which leans and twists as
-far as the hand needs it; a crouch, with the pelvis at the nearest height from which the hand gets there; a step. The
-cheapest one that the reachability map allows is taken (R. Boulic et al., "Virtual worker reachable space evaluation
-with prioritized inverse kinematics", Int. Symp. Robotics 2004). A step is only named: the hands then go to the edge of
-what the robot reaches from where it stands.
-
-A strategy is left for a cheaper one only well inside the reach of that, and one goes over into another by weights and
-heights that change smoothly.
+The reachability map allows strategies, and the cheapest is chosen (R. Boulic et al., "Virtual worker reachable space
+evaluation with prioritized inverse kinematics", Int. Symp. Robotics 2004): the arm; the trunk, which leans and twists;
+a crouch; a step. A step is only named, and the hands go to the edge of the reach. Weights and heights change smoothly,
+with hysteresis.
 """
 
 from collections.abc import Sequence
@@ -32,23 +28,23 @@ from retarget.types import FloatArray
 __all__ = ["REACH", "Strategies", "Strategy", "arms_alone", "strategies_of"]
 
 SETTLE_S = 0.15
-"""Time constant (s) with which the trunk becomes free, or stiff, and the pelvis goes to another height."""
+"""Time constant of the weight of the trunk and of the pelvis' height, s."""
 EDGE = 0.17
-"""Distance beyond the edge, in spacings of the map's grid, up to which a strategy is taken: between nodes the map shows
-the edge of what is round nearer than it is."""
+"""Distance outside the edge of the map up to which a strategy is chosen, in spacings of its grid: interpolation shows a
+round edge too near."""
 INSIDE, CROUCHED = 0.15, 0.5
-"""Distances inside of the edge in spacings of the map's grid: where a cheaper strategy is taken again; and to which the
-pelvis goes where it can, as the edge is not straight between the heights of the map."""
+"""Distances inside the edge, in spacings: where a cheaper strategy is chosen again, and to which the pelvis is lowered,
+as the edge is not straight between the map's heights."""
 LEAST, LEAST_M = 1e-3, 1e-5
-"""A share, or a height, that is off its end by less is there."""
+"""A share, or a height, m, this near to its end is there."""
 OFF_S = 1.0
-"""Time constant (s) with which the arms make up for a trunk that is not where it is asked: longer than it lags."""
+"""Time constant with which arms compensate a displaced trunk, s: longer than its lag."""
 LOOK_S = 0.04
-"""Least time (s) between two looks at the map."""
+"""Least time between look-ups in the map, s."""
 
 
 class Strategy(Enum):
-    """How hands get to their places. The value is its name in files and reports."""
+    """Means by which hands get to their places. The value is its name in files and reports."""
 
     ARM = "arm"
     TRUNK = "trunk"
@@ -57,20 +53,20 @@ class Strategy(Enum):
 
     @property
     def words(self) -> str:
-        """It in words, on pages."""
+        """Text for pages."""
         return "needs a step" if self is Strategy.STEP else f"hands by {self.value}"
 
     def costs_no_less(self, other: "Strategy") -> bool:
-        """Return whether it is the other one, or comes after it."""
+        """Return True for the same or a later strategy of ORDER."""
         return ORDER.index(self) >= ORDER.index(other)
 
 
 ORDER = tuple(Strategy)
-"""From the cheapest to the dearest."""
+"""Strategies by rising cost."""
 
 
 def arms_alone(priorities: Priorities) -> Priorities:
-    """The same without tasks on the places of hands: those that a robot has that chooses no strategies."""
+    """Return the priorities without tasks on the places of hands, for a robot that chooses no strategies."""
     if not priorities.strategies:
         return priorities
     levels = []
@@ -86,7 +82,8 @@ def arms_alone(priorities: Priorities) -> Priorities:
 
 @dataclass(frozen=True, eq=False)
 class _Hand:
-    """A hand. row: of the landmarks; line: of the limbs; shoulder: from the pelvis of an upright trunk, m."""
+    """A hand: its row of the landmarks, its line of the limbs, and its shoulder from the pelvis of an upright trunk,
+    m."""
 
     row: int
     line: int
@@ -96,9 +93,12 @@ class _Hand:
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """What the map said. lower: of the pelvis, from where it was asked; shifts: of the hands, into reach; carried:
-    where the hands were, as the stance's trunk carries them; room: that they have until the arms no longer reach; off:
-    of the robot's shoulders from where they are asked, for long; m."""
+    """A look-up in the map, m.
+
+    lower: height of the pelvis relative to its desired one; shifts: of the hands, into reach; carried: hands, as
+    carried by the stance's trunk; room: movement of hands that leaves them in reach of the arms; off: filtered
+    displacement of the shoulders.
+    """
 
     strategy: Strategy = Strategy.ARM
     lower: float = 0.0
@@ -109,15 +109,15 @@ class _Look:
 
 
 class Strategies:
-    """The strategy of one robot: `places`, then `choose` in each tick, and `weigh` once its targets are set."""
+    """Chooses the strategy of one robot: `places`, then `choose` in each tick, and `weigh` after all other targets."""
 
     def __init__(
         self, robot: RobotBody, stance: Stance, reach: ReachMap, free: FreeTrunk, *, allowed: Sequence[str]
     ) -> None:
-        """free: of the robot's hierarchy. allowed: values of strategies besides the arm and the step."""
+        """free: of the robot's hierarchy. allowed: values of strategies besides arm and step."""
         marks, names = robot.profile.landmarks, limb_names(robot.profile)
         self.reach = reach
-        """What it chooses by."""
+        """The robot's map."""
         self._free = free
         self._allowed = [one for one in ORDER if one.value in allowed]
         place = stance.points[marks[PELVIS].frame]
@@ -134,42 +134,42 @@ class Strategies:
         spacing = reach.hands[0].spacing
         self._edge, self._inside, self._crouched = EDGE * spacing, INSIDE * spacing, CROUCHED * spacing
         self.forced: tuple[Strategy, float | None] | None = None
-        """Taken whatever the map says, with the pelvis at a height, m, for comparisons; None: chosen, or by the map."""
+        """A strategy, and a height of the pelvis, m, to use regardless of the map, for comparisons."""
         self.restart()
 
     def restart(self) -> None:
-        """Begin with the arm."""
+        """Start with the arm."""
         self.seconds = dict.fromkeys(ORDER, 0.0)
-        """For how long each was taken, s."""
+        """Duration of each strategy, s."""
         self._share, self._lower, self._passed = 0.0, 0.0, LOOK_S
         self._seen = _Look()
 
     @property
     def strategy(self) -> Strategy:
-        """The one that was chosen last."""
+        """The last choice."""
         return self._seen.strategy
 
     @property
     def is_arm_alone(self) -> bool:
-        """True if the trunk is not free at all."""
+        """True if the trunk is not free."""
         return self._share == 0.0
 
-    def places(self, asked: DesiredLandmarks) -> DesiredLandmarks:
-        """The same, with the hands where they are with the performer's own pelvis and trunk, also where those of the
-        robot cannot follow."""
-        pelvis, trunk = asked.whole
-        landmarks, limbs = list(asked.landmarks), list(asked.limbs)
+    def places(self, desired: DesiredLandmarks) -> DesiredLandmarks:
+        """Return desired landmarks with hands as for the performer's own pelvis and trunk, beyond the robot's
+        envelope."""
+        pelvis, trunk = desired.whole
+        landmarks, limbs = list(desired.landmarks), list(desired.limbs)
         for hand in self._hands:
             place = plus(plus(pelvis, rotated(trunk, hand.shoulder)), limbs[hand.line])
             limbs[hand.line] = plus(limbs[hand.line], minus(place, landmarks[hand.row]))
             landmarks[hand.row] = place
-        return replace(asked, landmarks=landmarks, limbs=limbs)
+        return replace(desired, landmarks=landmarks, limbs=limbs)
 
-    def choose(self, asked: DesiredLandmarks, reached: Reached, dt: float) -> DesiredLandmarks:
-        """Choose for the next `dt` s. Returns what is to be asked: hands within reach, and the pelvis low enough."""
+    def choose(self, desired: DesiredLandmarks, reached: Reached, dt: float) -> DesiredLandmarks:
+        """Choose for the next `dt` s. Returns desired landmarks with hands in reach and the pelvis low enough."""
         self._passed += dt
         if self._passed >= LOOK_S:
-            self._look_again(asked, reached)
+            self._look_again(desired, reached)
         seen = self._seen
         self.seconds[seen.strategy] += dt
         free = float(seen.strategy is not Strategy.ARM)
@@ -179,38 +179,38 @@ class Strategies:
         if self._lower != seen.lower:
             self._lower = low_pass(self._lower, seen.lower, dt / SETTLE_S)
             self._lower = seen.lower if abs(self._lower - seen.lower) < LEAST_M else self._lower
-        landmarks, limbs = list(asked.landmarks), list(asked.limbs)
+        landmarks, limbs = list(desired.landmarks), list(desired.limbs)
         x, y, z = landmarks[self._pelvis]
         landmarks[self._pelvis] = (x, y, z + self._lower)
         for hand, shift, off in zip(self._hands, seen.shifts, seen.off, strict=True):
             landmarks[hand.row] = plus(landmarks[hand.row], shift)
             limbs[hand.line] = plus(limbs[hand.line], minus(shift, off))
-        return replace(asked, landmarks=landmarks, limbs=limbs)
+        return replace(desired, landmarks=landmarks, limbs=limbs)
 
-    def _look_again(self, asked: DesiredLandmarks, reached: Reached) -> None:
-        """Look at the map where it may say something else than at the last look. Within the arms' reach it says the
-        same as long as no hand has moved as far as it was from the edge."""
-        seen, pelvis, there = self._seen, asked.landmarks[self._pelvis], reached.landmarks[self._pelvis]
-        back, share, off, carried = inverse(asked.trunk), self._passed / OFF_S, list[Vector](), list[Vector]()
+    def _look_again(self, desired: DesiredLandmarks, reached: Reached) -> None:
+        """Look up the map, unless hands are in reach of the arms and have moved less than their distance to the
+        edge."""
+        seen, pelvis, there = self._seen, desired.landmarks[self._pelvis], reached.landmarks[self._pelvis]
+        back, share, off, carried = inverse(desired.trunk), self._passed / OFF_S, list[Vector](), list[Vector]()
         for hand, before in zip(self._hands, seen.off, strict=True):
-            wrong = minus(rotated(reached.trunk, hand.shoulder), rotated(asked.trunk, hand.shoulder))
+            wrong = minus(rotated(reached.trunk, hand.shoulder), rotated(desired.trunk, hand.shoulder))
             x, y, z = plus(wrong, minus(there, pelvis))
             a, b, c = before
             off.append((low_pass(a, x, share), low_pass(b, y, share), low_pass(c, z, share)))
-            # Where the hand would be in the stance, carried by a trunk that is upright there.
-            place = minus(minus(asked.landmarks[hand.row], off[-1]), pelvis)
+            # The hand as carried by the upright trunk of the stance.
+            place = minus(minus(desired.landmarks[hand.row], off[-1]), pelvis)
             carried.append(plus(self._stands, rotated(back, place)))
         moved = max(fsum(map(abs, minus(*pair))) for pair in zip(carried, seen.carried, strict=True))
         if seen.strategy is Strategy.ARM and moved < seen.room:
             self._seen = replace(seen, off=off)
         else:
-            places = [asked.landmarks[hand.row] for hand in self._hands]
+            places = [desired.landmarks[hand.row] for hand in self._hands]
             self._seen = replace(self._look(carried, places, pelvis[2]), off=off)
         self._passed = 0.0
 
     def _look(self, carried: Sequence[Vector], places: Sequence[Vector], height: float) -> _Look:
-        """Look at the map. carried: as of `_Look`; places: of the hands in the world; height: of the pelvis that is
-        asked; all m."""
+        """Look up the map. carried: see `_Look`; places: of the hands in the world; height: of the desired pelvis,
+        m."""
         maps, low = [hand.reach for hand in self._hands], min(height, self.reach.heights[-1])
         by_arm = max(reach.at(reach.inside(place))[0] for reach, place in zip(maps, carried, strict=True))
         within = [reach.inside(place) for reach, place in zip(maps, places, strict=True)]
@@ -224,12 +224,12 @@ class Strategies:
         return _Look(strategy, goes_to - height, shifts, carried, self._edge - by_arm)
 
     def weigh(self, targets: FloatArray) -> None:
-        """Let the trunk go, as far as the strategy does, in a target vector in which all else is set."""
+        """Free the trunk in a target vector that is otherwise complete."""
         self._free.weigh(targets, self._share)
 
     def _cheapest(self, by_arm: float, fields: Sequence[Sequence[float]], height: float) -> tuple[Strategy, float]:
-        """The cheapest strategy, and the height (m) of the pelvis in it. by_arm: distance, m, from the edge of what the
-        arms reach; height: that is asked."""
+        """The cheapest strategy, and its height of the pelvis, m. by_arm: distance from the edge of the arms' reach;
+        height: desired, m."""
         heights, edges = self.reach.heights, farthest(fields)
         leans_at = min(height, heights[-1])  # straight legs do not lean
         if self.forced is not None:
@@ -246,8 +246,7 @@ class Strategies:
         return Strategy.CROUCH if reached else Strategy.STEP, crouch
 
     def cheapest_standing(self, hand: int, place: Vector) -> Strategy:
-        """The cheapest strategy for a place, m, of one hand, 0 or 1, of a robot that is asked to stand as in its
-        stance."""
+        """Return the cheapest strategy for a place, m, of one hand, 0 or 1, of a robot that stands in its stance."""
         reach = self.reach.hands[hand]
         inside = reach.inside(place)
         if inside != place:
@@ -258,20 +257,6 @@ class Strategies:
         if Strategy.TRUNK in self._allowed and edges[-1] <= self._edge:
             return Strategy.TRUNK
         return Strategy.CROUCH if Strategy.CROUCH in self._allowed and min(edges) <= self._edge else Strategy.STEP
-
-    def standing_place(self, places: Sequence[Vector]) -> tuple[float, float] | None:
-        """How far (x, y) m the robot has to go on the ground, without turning, so that it reaches both places, m, from
-        where it stands then; the shortest way, None where there is none."""
-        first, second = self.reach.hands
-        level = round((first.inside(places[0])[2] - float(first.low[2])) / first.spacing)
-        reached = first.field[:, :, level, 1:-3].min(axis=2) <= -self._inside
-        ways = np.array(places[0][:2]) - first.nodes[:, :, level, :2][reached]
-        for x, y in sorted(ways.tolist(), key=lambda way: norm(np.array(way))):
-            moved = minus(places[1], (x, y, 0.0))
-            place = second.inside(moved)
-            if place == moved and min(second.at(place)[1:-3]) <= 0.0:
-                return x, y
-        return None
 
 
 def strategies_of(
@@ -285,8 +270,8 @@ def strategies_of(
     strength: StandingStrength | None,
     envelope: Envelope,
 ) -> Strategies | None:
-    """The strategies of priorities that have some; None of a robot without two hands and a pelvis that its legs move.
-    hierarchy: of following. build: one as REACH has it, without rates. standing: the landmarks of the stance."""
+    """Return the strategies of a robot; None without two hands and a pelvis. hierarchy: of following. build: of a
+    hierarchy without rates, for REACH. standing: landmarks of the stance."""
     marks = robot.profile.landmarks
     if not {*HANDS, PELVIS} <= marks.keys():
         return None
@@ -300,7 +285,7 @@ def strategies_of(
 
 
 def _on_edge(place: Vector, field: Sequence[float]) -> Vector:
-    """The place, or the one on the edge of the map that is nearest to it. field: there."""
+    """The nearest place on the edge of the map, or a place inside it. field: at the place."""
     beyond, (x, y, z) = min(field[1:-3]), field[-3:]
     length = norm(np.array([x, y, z]))
     if beyond <= 0.0 or length == 0.0:
@@ -310,12 +295,12 @@ def _on_edge(place: Vector, field: Sequence[float]) -> Vector:
 
 
 def farthest(fields: Sequence[Sequence[float]]) -> list[float]:
-    """Distances, m, of that hand at each height that is farther from the edge."""
+    """Return the greater distance of both hands at each height, m."""
     return [max(pair) for pair in zip(*(field[1:-3] for field in fields), strict=True)]
 
 
 def at_height(heights: Sequence[float], edges: Sequence[float], height: float) -> float:
-    """The distance at a height, m, between those of the map."""
+    """Return the distance at a height, m, interpolated."""
     last = len(heights) - 1
     along = min(max((height - heights[0]) / (heights[last] - heights[0]), 0.0), 1.0) * last
     node = min(int(along), last - 1)
@@ -323,7 +308,7 @@ def at_height(heights: Sequence[float], edges: Sequence[float], height: float) -
 
 
 def nearest_height(heights: Sequence[float], edges: Sequence[float], height: float, limit: float) -> float:
-    """The height, m, nearest to another one at which the distance is within a limit; else that of the least."""
+    """Return the height, m, nearest to another one with a distance within a limit; else that of the least distance."""
     if at_height(heights, edges, height) <= limit:
         return height
     crossings = [height for height, edge in zip(heights, edges, strict=True) if edge <= limit]

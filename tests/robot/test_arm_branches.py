@@ -90,7 +90,7 @@ def test_an_arm_that_only_lags_is_not_led(monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.long
 def test_an_arm_that_does_not_arrive_is_led_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is asked for its limbs again, and led no more while the performer stands."""
-    monkeypatch.setattr(arm_branches, "MOST_LED_S", 0.02)
+    monkeypatch.setattr(arm_branches, "LONGEST_DRIVE_S", 0.02)
     assert off_from_anywhere("wolfgang").max() > WRONG
 
 

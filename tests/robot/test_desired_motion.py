@@ -173,7 +173,7 @@ def test_only_what_carries_nothing_is_led_and_is_as_fast_as_its_servos() -> None
     def goals(servo_lead: float) -> tuple[float, float]:
         """How far the goals of a hand and of the pelvis are ahead, m."""
         motion = DesiredMotion(
-            op3(), hierarchy, LIMITS, still=STILL, trunk_at_stance=reader.trunk_at_stance, servo_lead=servo_lead
+            op3(), hierarchy, LIMITS, still=STILL, trunk_at_stance=reader.trunk_at_stance, lag_compensation=servo_lead
         )
         targets = hierarchy.blank()
         for tick in range(100):

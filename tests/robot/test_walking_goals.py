@@ -13,7 +13,7 @@ from hardware.imu import ImuSample
 from retarget.ik.support_polygon import Stance, plant
 from retarget.robot.deflection_compensation import DeflectionCompensation
 from retarget.robot.walking.gait import gait_of
-from retarget.robot.walking.walking_goals import MOST_RAD, Feedback, WalkDynamics, WalkingGoals
+from retarget.robot.walking.walking_goals import MOST_WALKING_RAD, Feedback, WalkDynamics, WalkingGoals
 from retarget.types import FloatArray
 from sim.physics.mount import mount_of
 from sim.physics.perturbation import NOMINAL
@@ -110,7 +110,7 @@ def test_offsets_have_bounds_whatever_is_asked(seed: int) -> None:
         goal, state = one.propose(
             state, posture, lambda goal: goal, ahead=posture + chance.normal(0.0, 0.1, 20), walks=True
         )
-        assert state.free and (np.abs(goal - posture) <= MOST_RAD + 1e-12).all()
+        assert state.free and (np.abs(goal - posture) <= MOST_WALKING_RAD + 1e-12).all()
         assert (goal >= limits.lower - 1e-12).all() and (goal <= limits.upper + 1e-12).all()
 
 

@@ -32,13 +32,13 @@ from retarget.robot.walking.pattern import Gait
 from retarget.robot.walking.pattern import rotated as yawed
 from retarget.rotations import arc, as_quat, as_vector, axis_turn, product, rotated, rotation_vector
 
-MOST_RAD = 0.35
+MOST_WALKING_RAD = 0.35
 """Greatest offset of a goal from its posture, rad: 0.31 is needed at 0.15 m/s."""
-SPEED_SHARE = 4.0
+OFFSET_SPEED = 4.0
 """Greatest rate of an offset, relative to the joint's speed limit."""
 BEHIND_S = 0.008
 """Age of measurements relative to plans, beyond one bus cycle, s."""
-SMOOTH_S = 0.02
+MEASURED_S = 0.02
 """Time constant of measured velocity and of the IMU's samples, s, as noise would accelerate goals."""
 ZMP_GAIN = 1.0
 """Shift of the zero-moment point per error of the divergent component."""
@@ -83,7 +83,7 @@ class WalkingGoals:
         armature = np.array([drive_numbers(servo.model).armature for servo in servos])
         self._armature = np.where(self._on_leg, armature * gear * gear, 0.0)
         self._lag = np.where(self._on_leg, [loop_lag(servo) for servo in servos], 0.0)
-        self._most_change = SPEED_SHARE * limits.max_velocity * gait.dt
+        self._most_change = OFFSET_SPEED * limits.max_velocity * gait.dt
         self._lower, self._upper = limits.lower, limits.upper
         self._behind = 1 + round(BEHIND_S / gait.dt)
         self._feedback = Feedback(robot, stance, gait, self._compliance)
@@ -144,7 +144,7 @@ class WalkingGoals:
         ]
         desired = desired + self._feedback.correction(now, planned[0], shares)
         change = np.minimum(np.maximum(desired - last.offset, -self._most_change), self._most_change)
-        offset = np.minimum(np.maximum(last.offset + change, -MOST_RAD), MOST_RAD)
+        offset = np.minimum(np.maximum(last.offset + change, -MOST_WALKING_RAD), MOST_WALKING_RAD)
         offset = np.minimum(np.maximum(posture + offset, self._lower), self._upper) - posture
         return Walked(q, posture, now.masses, offset, planned)
 
@@ -236,7 +236,7 @@ class Feedback:
         self._robot, self._gait, self._dynamics = robot, gait, WalkDynamics(robot, stance)
         self._compliance, self._stance = compliance, stance
         self._weight = GRAVITY * robot.body.total_mass
-        self._share = gait.dt / (SMOOTH_S + gait.dt)
+        self._share = gait.dt / (MEASURED_S + gait.dt)
         self._hips, self._ankles = _joints_near(robot, stance)
         extents = [0.5 * np.ptp(sole.outline, axis=0) for sole in stance.soles]
         self._most = np.array(MOST_SHIFT) * np.min(extents, axis=0)
