@@ -1,4 +1,4 @@
-"""One live run of OP3 with faults: sender, whole pipeline, the driver's bytes, emulated servos; on virtual time."""
+"""One live run of OP3 with faults: sender, whole pipeline, driver and emulated servos, on virtual time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -23,7 +23,7 @@ from retarget.live.open_stream import open_stream
 from retarget.live.stream import LiveStream
 from retarget.model.human_dimensions import POINTS
 from retarget.model.robot import RobotBody
-from retarget.run.loop import LiveInputs, Observer, Operator, Tick
+from retarget.run.loop import LiveInputs, Operator, RunObserver, Tick
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, performance_of, prepare_for
 from retarget.run.supervisor import OperatorInput
@@ -35,6 +35,7 @@ from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
 from sim.emulator.servo2 import EmulatedServo
+from sim.faults.bounds import BOUNDS
 from sim.faults.sender import FakeSender, Poses
 from sim.faults.wire_checker import READS, Sent, packets, torque_off, written
 from sim.physics.bus import drive_shafts
@@ -47,12 +48,12 @@ MOVING = (RunState.APPROACH, RunState.FOLLOW)
 HOLDING = (RunState.HOLD,)
 STOPPING = (RunState.STOPPING, RunState.RETURN_TO_STANCE, RunState.GO_TO_REST)
 STOPPED = (RunState.OFF, RunState.FAULT)
-"""States of a run as the judge looks at them."""
+"""States of a run as the judge groups them."""
 
 
 @dataclass(frozen=True, slots=True)
 class TickEnd:
-    """The end of a tick, at `time`, s. latched: whether a stop is; slow: speed override of the robot."""
+    """The end of a tick, at `time`, s. latched: a stop is latched; slow: speed override of the robot."""
 
     time: float
     state: RunState
@@ -64,14 +65,13 @@ class TickEnd:
 class Trace:
     """The events of a run; all times in s of its clock.
 
-    out: when which sensors took no part. speeds: greatest speed (m/s) of a joint with a sensor, of the human's body.
-    sent: every packet of the host. postures: in which each goal holds the joints under their load, (n,) rad. let_go:
-    when which servo (id) stopped driving: its torque went off, or its watchdog stopped it.
-    began: when following began. approach_ended: when the robot was where it follows from. gone: when the host was
-    killed. acted: when faults that wait for an event took effect, each once. rebased: when the clock map followed a
-    jump of the sender's clock. asked: postures (n,), rad, that a forced stage asked for. torque: registers of all
-    servos in the end. writes_fail: the host could not write any more. left: the end of the run was not observed.
-    endless: it did not end.
+    out: sensors that took no part in a tick. speeds: greatest speed (m/s) of a joint with a sensor, of the human's
+    body. sent: every packet of the host. postures: those that each goal holds under load, (n,) rad. let_go: servos (id)
+    that stopped driving, by torque off or watchdog. began: start of following. approach_ended: end of the approach.
+    gone: when the host was killed. acted: when faults that wait for an event took effect, each once. rebased: when the
+    clock map followed a jump of the sender's clock. desired: postures (n,), rad, that a forced stage returned. torque:
+    registers of all servos in the end. writes_fail: the host could not write any more. left: the end of the run was not
+    observed. endless: it did not end.
     """
 
     ticks: list[TickEnd] = field(default_factory=list)
@@ -81,7 +81,7 @@ class Trace:
     postures: list[tuple[float, FloatArray]] = field(default_factory=list)
     let_go: list[tuple[float, int]] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
-    asked: list[tuple[float, FloatArray]] = field(default_factory=list)
+    desired: list[tuple[float, FloatArray]] = field(default_factory=list)
     acted: list[float] = field(default_factory=list)
     stop: Stop | None = None
     began: float | None = None
@@ -96,37 +96,34 @@ class Trace:
     torque: list[int] = field(default_factory=list)
 
     def first(self, states: tuple[RunState, ...], since: float) -> float | None:
-        """Time, s, at which one of these states was first seen from a time on."""
+        """Return when, s, one of these states was first seen from a time on."""
         return next((tick.time for tick in self.ticks if tick.time >= since and tick.state in states), None)
 
     @property
     def armed(self) -> float | None:
-        """Time, s, at which the first tick with torque ended."""
+        """End of the first tick with torque, s."""
         return self.ticks[0].time if self.ticks else None
 
     def stopped(self, since: float) -> float | None:
-        """Time, s, at which a stop was latched from a time on: at the end of the tick that did it."""
+        """Return when, s, a stop was latched from a time on: at the end of its tick."""
         return next((tick.time for tick in self.ticks if tick.time >= since and tick.latched), None)
 
     @property
     def latched(self) -> float | None:
-        """Time, s, at which a stop was first latched."""
+        """First time at which a stop was latched, s."""
         return self.stopped(-inf)
 
     def torque_off_at(self, since: float) -> float | None:
-        """Time, s, at which torque off was commanded, or the guard had given up the bus, from a time on."""
+        """Return when, s, torque off was commanded, or the guard had given up the bus, from a time on."""
         seen = (torque_off(written(self.sent), since), self.first(STOPPED, since))
         return min((time for time in seen if time is not None), default=None)
 
     @property
     def holds(self) -> list[tuple[float, float]]:
-        """Times, s, from and to which the robot held."""
+        """Begin and end of each hold, s."""
         runs = [(held, next(ticks).time) for held, ticks in groupby(self.ticks, lambda tick: tick.state in HOLDING)]
         ends = [begun for _, begun in runs[1:]] + [tick.time for tick in self.ticks[-1:]]
         return [(begun, end) for (held, begun), end in zip(runs, ends, strict=True) if held]
-
-
-# A port of the emulator whose host can be killed or lose its writes; it keeps what the host sends.
 
 
 class Killed(BaseException):
@@ -134,7 +131,7 @@ class Killed(BaseException):
 
 
 class TappedPort(EmulatedPort):
-    """Keeps what the host sends, with the time. writes_fail: writes raise, but reads pass; dead: every call raises."""
+    """A port that keeps what the host sends. writes_fail: writes raise, but reads pass; dead: every call raises."""
 
     def __init__(self, line: Line, clock: Clock, *, name: str, sent: list[Sent]) -> None:
         super().__init__(line, clock, name=name)
@@ -158,26 +155,20 @@ class TappedPort(EmulatedPort):
 
 
 ROBOT = "op3"
-STOP_ASKED = "a signal asks for a stop"
 LISTED = IPv4Network("127.0.0.0/8")
 BEFORE_OPENING, BEFORE_ARMING = -1.0, -0.5
-"""Times of faults before a run begins."""
-AFTERWARDS_S = 0.3
-"""Time for which the servos are observed after the host has ended, s."""
-ENDLESS_S = 60.0
-"""Time, s, by which a run may be longer than what was to be followed: countdown, approach, holds, the way to rest."""
+"""Times of faults before a run begins, s after following began."""
 
 
-class Bench(Operator, Observer):
+class Bench(Operator, RunObserver):
     """A run with faults, and its operator and observer. `at` calls a function once at a time, s after following began.
 
-    stop_asked: what SIGINT and SIGTERM set. undo: called in the end. gate: False: goals are not checked.
-    leaves: the run is not observed to its end, where the robot is at rest.
-    approaching: `at` counts from when torque is on, and the robot begins in posture `rest`.
-    recording: what the performer is instead of a stream, see `record`; None: a stream.
-    held_up: when each fault comes that the robot holds for and goes on after, s as in `at`, and for how long it may, s.
-    mass: on the path of a real port, with simulated mechanics behind the emulated wire.
-    delays: called in every tick of a moving robot, once its servos are read.
+    stop_requested: SIGINT or SIGTERM came. undo: called in the end. gate: False: goals are not checked. leaves: the run
+    is not observed to its end, where the robot is at rest. approaching: `at` counts from when torque is on, and the
+    robot begins in posture `rest`. recording: the performer instead of a stream, see `record`. held_up: time, s as in
+    `at`, and allowed length, s, of each fault that the robot holds for and goes on after. mass: simulated mechanics are
+    behind the emulated wire. presses: something presses against the robot, so that it gives way in a hold. delays:
+    called in every tick of a moving robot, once its servos are read.
     """
 
     def __init__(
@@ -193,7 +184,7 @@ class Bench(Operator, Observer):
         self.sender, self.clock, self.trace = sender, VirtualClock(), Trace()
         self.lines: dict[str, Line] = {}
         self.ports: dict[str, TappedPort] = {}
-        self.stop_asked = self.leaves = self.approaching = False
+        self.stop_requested = self.leaves = self.approaching = self.presses = False
         self.held_up: list[tuple[float, float]] = []
         self.delays: list[Callable[[], object]] = []
         self.undo: list[Callable[[], object]] = []
@@ -206,8 +197,6 @@ class Bench(Operator, Observer):
         self.mass = mass
         self.witness: Witness | None = None
         self.simulation: Simulation | None = None
-        self.presses = False
-        """Whether something presses against the robot, so that it gives way in a hold."""
         self._duration, self._seed, self._performer, self._gate = duration, seed, performer, gate
         self._due: list[tuple[float, Callable[[], object]]] = []
 
@@ -225,7 +214,7 @@ class Bench(Operator, Observer):
         self._due.append((time, act))
 
     def record(self) -> None:
-        """Let the performer be a recording of what the sender sends, with the faults that are due so far."""
+        """Make the performer a recording of what the sender sends, with the faults that are due so far."""
         due, sent = np.arange(0.0, self._duration, 1.0 / self.sender.rate_hz), list[Poses]()
         for time in due.tolist():
             self._act_until(time)
@@ -236,14 +225,23 @@ class Bench(Operator, Observer):
         self.recording = replace(frames, position=position, orientation=unknown, valid=valid, joints=None)
 
     def _act_until(self, time: float) -> None:
-        """Do what is due by a time."""
         due = [one for one in self._due if one[0] <= time]
         self._due = [one for one in self._due if one not in due]
         for _, act in due:
             act()
 
+    def interrupt(self) -> None:
+        """Send SIGINT or SIGTERM."""
+        self.stop_requested = True
+
+    def refuse_writes(self) -> None:
+        """Let the adapters refuse every write, but not reads."""
+        self.trace.writes_fail = True
+        for port in self.ports.values():
+            port.writes_fail = True
+
     def kill(self) -> None:
-        """End the host in this tick, as `kill -9` would."""
+        """End the host in this tick, like `kill -9`."""
         self.trace.gone = self.clock.now()
         for port in self.ports.values():
             port.dead = True
@@ -272,7 +270,7 @@ class Bench(Operator, Observer):
             for act in self.undo:
                 act()
         self.trace.ended = self.clock.now()
-        self.clock.advance(AFTERWARDS_S)
+        self.clock.advance(BOUNDS.afterwards_s)
         for servo in self.servos:
             servo.catch_up(self.clock.now())
         self.trace.torque = [servo.memory.value("torque_enable") for servo in self.servos]
@@ -293,19 +291,23 @@ class Bench(Operator, Observer):
         if self.failure:
             raise RuntimeError(self.failure)
 
-    def ask(self, state: RunState | None) -> OperatorInput:
-        """Stop the robot if that is asked for."""
-        return OperatorInput(stop=STOP_ASKED if self.stop_asked else None)
+    def poll(self, state: RunState | None) -> OperatorInput:
+        """Stop the robot if a signal came."""
+        return OperatorInput(stop="a signal asks for a stop" if self.stop_requested else None)
 
     def see(self, tick: Tick) -> None:
-        """Keep what a tick has led to, and do what is due."""
+        """Keep the result of a tick, and inject what is due."""
         trace, guard, now = self.trace, self.guard, self.clock.now()
         state = self.machine.supervisor.state
         assert tick.given is not None, "a robot has inputs"
         if (sample := tick.given.performer.sample) is not None:
             gone = zip(sample.names, sample.valid, strict=True)
             trace.out.append((tick.given.now, frozenset(name for name, valid in gone if not valid)))
-            self._saw_body(tick)
+            if tick.row is not None:
+                joints = tick.record.human_joints[tick.row, self._worn]
+                moved = 0.0 if self._joints is None else float(np.linalg.norm(joints - self._joints, axis=1).max())
+                trace.speeds.append((tick.given.now, moved / self.samples.dt))
+                self._joints = joints
         if tick.tried is not None:
             trace.postures.append((tick.given.now, tick.tried.posture))
         if trace.approach_ended is None and state not in (RunState.APPROACH, RunState.HOLD):
@@ -321,17 +323,9 @@ class Bench(Operator, Observer):
             self._act_until(now - since)
         if self.leaves and state in STOPPING and guard.stop is None:  # nothing is followed any more
             self.leave()
-        if now > self._duration + ENDLESS_S:
+        if now > self._duration + BOUNDS.endless_s:
             trace.endless = True
             self.kill()
-
-    def _saw_body(self, tick: Tick) -> None:
-        if tick.row is None:
-            return
-        joints = tick.record.human_joints[tick.row, self._worn]
-        moved = 0.0 if self._joints is None else float(np.linalg.norm(joints - self._joints, axis=1).max())
-        self.trace.speeds.append((tick.given.now, moved / self.samples.dt))
-        self._joints = joints
 
     def leave(self) -> None:
         """End the observation after this tick."""
@@ -364,7 +358,7 @@ class Bench(Operator, Observer):
         )
 
         for servo in self.servos:
-            servo.let_go = partial(self._saw_let_go, servo.id)
+            servo.let_go = partial(lambda device, now: self.trace.let_go.append((now, device)), servo.id)
 
         def port(bus: BusSpec) -> TappedPort:
             made = TappedPort(self.lines[bus.name], clock, name=f"emulated {bus.port}", sent=self.trace.sent)
@@ -380,10 +374,6 @@ class Bench(Operator, Observer):
         drive_shafts(simulation, robot.joint_map.servos, self.lines, now=clock.now())
         self.witness = Witness(simulation)
         return WitnessedBus(made, self.witness)
-
-    def _saw_let_go(self, device: int, now: float) -> None:
-        """Note when a servo stops driving."""
-        self.trace.let_go.append((now, device))
 
 
 class DelayedInputs(LiveInputs):

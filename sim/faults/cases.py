@@ -5,36 +5,37 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 
+from sim.faults.bounds import BOUNDS
 from sim.faults.judge import (
     Struck,
     Verdict,
     When,
     bench_of,
-    judged,
     judged_pair,
     least,
     missing,
+    run_row,
+    verdict_of,
     violations,
 )
-from sim.faults.rows import APPROACHED, ROWS, Reaction
+from sim.faults.rows import APPROACHED, ROWS
 
 # Random runs: faults of the table one after another, at random times, until one of them ends the run.
 
-HARMLESS = (Reaction.NONE, Reaction.MAY_HOLD, Reaction.REBASE, Reaction.RESUME, Reaction.OUT, Reaction.SLOW)
-"""Reactions after which a run goes on. A random run has several of these, and one of the others at any time."""
 LIVE = tuple(row for row in ROWS if not (row.recorded or row.alone))
 FEWEST, MOST = 2, 5
-MORE_S = 0.1
-"""The run goes on for so long after the last reaction is due, s."""
+"""Harmless faults of a random run. It has one of the others, too."""
 
 
 def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
-    """A run of so many virtual seconds of following, unless a fault ends it.
+    """Make and judge a run of so many virtual seconds of following, unless a fault ends it.
 
     Judged are the rules of every run, and the reaction to the harsh fault.
     """
     chance = random.Random(seed)
-    mild, harsh = ([row for row in LIVE if (row.reaction in HARMLESS) is harmless] for harmless in (True, False))
+    mild, harsh = (
+        [row for row in LIVE if BOUNDS.reactions[row.reaction.name].harmless is harmless] for harmless in (True, False)
+    )
     count = chance.randint(FEWEST, MOST)
     drawn = [(chance.uniform(0.1, 0.9 * seconds), chance.choice(mild)) for _ in range(count)]
     milder = [Struck(row, at) for at, row in drawn]
@@ -42,7 +43,7 @@ def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
     end = Struck(chance.choice(harsh), last)
     second = Struck(row=chance.choice(LIVE), at=last + chance.choice((0.0, 0.02, 0.2, 0.8)))
     plan = sorted([*milder, end, second], key=lambda one: one.at)
-    over = max(least(one.row).limit + one.at - seconds for one in (end, second)) + MORE_S
+    over = max(least(one.row).limit + one.at - seconds for one in (end, second)) + BOUNDS.more_s
     bench = bench_of(plan, following=seconds + max(over, 0.0), performer="six", seed=seed)
     trace = bench.run()
     names = ", ".join(f"{one.row.name} at {one.at:.1f} s" for one in plan)
@@ -50,8 +51,6 @@ def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
 
 
 PAIRED = (When.IDLE, When.MOVING, When.STOPPING)
-PAIR_AT, PAIR_GAP = 0.3, 0.1
-"""Time, s of following, at which the first fault of a pair begins, and s from there to the second one."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ def row_cases() -> list[Case]:
 
 
 def pair_cases() -> list[Case]:
-    """Every two rows of a live run, one twice included, in the states of `PAIRED`."""
+    """Return every two rows of a live run, one twice included, in the states of `PAIRED`."""
     return [Case(a.name, b.name, when) for a, b in combinations_with_replacement(LIVE, 2) for when in PAIRED]
 
 
@@ -93,7 +92,7 @@ def judged_case(case: Case) -> Verdict:
     rows = {one.name: one for one in ROWS}
     row, other = rows[case.name], rows.get(case.second or "")
     if other is None:
-        found = judged(row, when=case.when)
+        found = verdict_of(row, run_row(row, when=case.when), when=case.when)
     else:
-        found = judged_pair(row, other, at=PAIR_AT, gap=PAIR_GAP, when=case.when)
+        found = judged_pair(row, other, at=BOUNDS.pair_at_s, gap=BOUNDS.pair_gap_s, when=case.when)
     return replace(found, name=f"{found.name}, {case.when.value}")

@@ -1,6 +1,6 @@
 """The rows of the fault table, read from `rows.yaml`: what is injected, what a robot must do, and when.
 
-Injections act on a bench: on its sender, host, bus and servos. The table names them.
+Injections act on the sender, host, bus and servos of a bench. The table names them.
 """
 
 import re
@@ -19,14 +19,11 @@ from hardware.guard import CheckedGoal
 from hardware.guard_state import StopCause
 from retarget.live.admission import Datagram
 from retarget.types import FloatArray, RobotPosture, RunState
-from sim.emulator.faults import Fault, FaultKind
+from sim.emulator.faults import Fault
 from sim.faults import sender
 from sim.faults.bench import BEFORE_ARMING, Bench
 from sim.faults.sender import encoded
 from sim.physics.perturbation import Push
-
-HELD_S = 0.150
-"""Longest time from silence of the stream to the hold, s."""
 
 
 class Reaction(Enum):
@@ -44,7 +41,7 @@ class Reaction(Enum):
     STANDS = "stops: brakes, cannot go to rest, stands with torque on, latched"
     TORQUE_OFF = "torque off at once, latched"
     GONE = "the servos stop by themselves"
-    GATED = "what is asked is not sent"
+    GATED = "the desired posture is not sent"
 
 
 class Idle(Enum):
@@ -64,13 +61,12 @@ class Row:
     stop that is reported, and what ended its braking. sensor: the one that is judged for OUT. said: pattern that a
     message must match. counted: reason under which unused data must be counted. watchdog: s from the onset until every
     servo has stopped by itself; None: not judged. refusal: texts that the refusal of an idle run must have. back: s
-    from the onset until data are good again; before back + 0.5 nothing goes on. after: s of following after the onset.
-    ends: s from the onset until the run has ended. performer: the performer file. mass: run on the path of a real
-    port, with simulated mechanics behind the wire. recorded: the performer is a recording, and the fault is one of its
-    sensors. alone: it is not run beside another fault, and nor is a recorded one. approach: it is injected on the
-    approach too.
+    from the onset until data are good again. after: s of following after the onset. ends: s from the onset until the
+    run has ended. performer: the performer file. mass: with simulated mechanics behind the wire. recorded: the
+    performer is a recording, and the fault is one of its sensors. alone: it is not run beside another fault. approach:
+    it is injected on the approach too.
 
-    Beside another fault: chance, by which factor chance may delay the reaction; stretches, by which factor long ticks
+    Beside another fault: chance: factor by which chance may delay the reaction; stretches: factor by which long ticks
     delay the other's; suspends: the host is suspended for the limit; hides: name of a row whose fault it ends.
     """
 
@@ -78,7 +74,7 @@ class Row:
     inject: Callable[[Bench, float], object]
     reaction: Reaction = Reaction.NONE
     limit: float = 0.0
-    held: float = HELD_S
+    held: float = 0.150
     idle: Idle = Idle.GOES_ON
     cause: StopCause | None = None
     then: StopCause | None = None
@@ -102,24 +98,20 @@ class Row:
 
 
 Act = Callable[..., object]
-"""Injects a fault into a bench, now; what follows the bench are the arguments in the table."""
+"""Injects a fault into a bench, now. The arguments after the bench come from the table."""
 FLOOD_HZ = 130_000.0
-"""Datagrams a second of a flood: about as many as a process can send over loopback."""
-_FIRST_NUMBER = re.compile(rb'"p": \[[^,]+,')
+"""Datagrams per second of a flood: about as many as a process can send over loopback."""
+OVERRUN = 1.2
+"""Delay of a tick, in periods."""
+INWARDS = "l_hip_yaw", -1.2, 1.0
+"""A joint, the angle (rad) at which the left leg meets the right one, and the speed towards it (rad/s), slow enough for
+a robot that has just resumed."""
 
 # Injections into a sender and its datagrams, besides those of `sender`.
 
 
-def _no_rotation(datagram: bytes) -> list[bytes]:
-    turned = datagram.replace(b"]}", b'], "q": [0.0, 0.0, 0.0, 0.0]}')
-    return [turned.replace(b'"axes"', b'"quaternion": "wxyz", "axes"')]
-
-
-def _garbage_in_place(datagram: bytes) -> list[bytes]:
-    return [datagram[: len(datagram) // 2], b"", b"\x00\xff" * 20, datagram, b'{"poses": [[[[']
-
-
-def _reordered(bench: Bench) -> None:
+def reordered(bench: Bench) -> None:
+    """Send datagrams in threes, repeated and out of order."""
     kept: list[bytes] = []
 
     def garble(time: float, datagram: bytes) -> list[bytes]:
@@ -130,13 +122,8 @@ def _reordered(bench: Bench) -> None:
     bench.sender.garbles.append(garble)
 
 
-def _clock_jump(bench: Bench, by: float) -> None:
-    before = bench.sender.stamp
-    bench.sender.stamp = lambda time: before(time) + by
-
-
-def _other_sender(bench: Bench, address: str) -> None:
-    """Let another sender send whole poses, of which only its address differs."""
+def other_sender(bench: Bench, address: str) -> None:
+    """Add a sender of whole poses that differs by its address."""
 
     def other(first: float, last: float) -> list[Datagram]:
         poses = {name: np.array([5.0, 5.0, 1.0]) for name in bench.sender.frames.names}
@@ -145,7 +132,9 @@ def _other_sender(bench: Bench, address: str) -> None:
     bench.sender.others.append(other)
 
 
-def _flood(bench: Bench) -> None:
+def flood(bench: Bench) -> None:
+    """Add a sender of FLOOD_HZ datagrams per second."""
+
     def other(first: float, last: float) -> list[Datagram]:
         times = np.linspace(first, last, round(FLOOD_HZ * (last - first)), endpoint=False)
         return [Datagram(bench.sender.begun + float(time), ("127.0.0.1", 50_001), b"x" * 64) for time in times]
@@ -155,15 +144,9 @@ def _flood(bench: Bench) -> None:
 
 # Injections into the host.
 
-OVERRUN = 1.2
-"""Periods that a tick takes longer."""
-INWARDS = "l_hip_yaw", -1.2, 1.0
-"""A joint, the angle (rad) at which the left leg meets the right one, and the speed of the way there (rad/s): slow
-enough for a robot that has just gone on."""
 
-
-def _wall_clock(bench: Bench, by: float) -> None:
-    """Set the wall clock."""
+def wall_clock(bench: Bench, by: float) -> None:
+    """Set the wall clock `by` s ahead."""
     for patched in (
         patch("time.time", lambda: datetime.now(UTC).timestamp() + by),
         patch("time.time_ns", lambda: int(1e9 * (datetime.now(UTC).timestamp() + by))),
@@ -172,15 +155,17 @@ def _wall_clock(bench: Bench, by: float) -> None:
         bench.undo.append(patched.stop)
 
 
-def _raising(bench: Bench) -> None:
+def raising(bench: Bench) -> None:
+    """Raise an exception in the next tick."""
+
     def broken(now: float) -> object:
         raise ArithmeticError("forced")
 
     bench.stream.read = broken  # type: ignore[method-assign, assignment]
 
 
-def _rest_refused(bench: Bench) -> None:
-    """Let the gate refuse every goal on the way to rest, as it does with something in the way."""
+def rest_refused(bench: Bench) -> None:
+    """Let the gate refuse every goal on the trajectory to rest, as it does with an obstacle there."""
     gate, supervisor = bench.machine.gate, bench.machine.supervisor
     check = gate.check
 
@@ -190,25 +175,21 @@ def _rest_refused(bench: Bench) -> None:
     gate.check = refusing  # type: ignore[method-assign]
 
 
-def _signal(bench: Bench) -> None:
-    bench.stop_asked = True
-
-
-def _late(bench: Bench, times: float = np.inf) -> None:
+def late(bench: Bench, times: float = np.inf) -> None:
     """Make a tick of a moving robot longer than its period, so many times."""
     seen: list[float] = []
 
-    def dawdle() -> None:
+    def delay() -> None:
         if len(seen) < times:
             seen.append(bench.clock.now())
             bench.trace.acted += seen if len(seen) == 1 else []
             bench.clock.advance(OVERRUN / bench.robot.profile.safety.rate_hz)
 
-    bench.delays.append(dawdle)
+    bench.delays.append(delay)
 
 
-def _following(bench: Bench, change: Callable[[Bench, RobotPosture], RobotPosture], times: float = np.inf) -> None:
-    """Change the result of the robot's stage, so many times."""
+def _following(bench: Bench, change: Callable[[RobotPosture], RobotPosture], times: float = np.inf) -> None:
+    """Change the posture that the robot's stage returns, so many times."""
     follower, seen = bench.machine.follower, list[float]()
     start, step = follower.start, follower.step
 
@@ -217,72 +198,76 @@ def _following(bench: Bench, change: Callable[[Bench, RobotPosture], RobotPostur
             return posture
         seen.append(bench.clock.now())
         bench.trace.acted += seen if len(seen) == 1 else []
-        return change(bench, posture)
+        return change(posture)
 
     follower.start = lambda human: changed(start(human))  # type: ignore[method-assign]
     follower.step = lambda human, dt: changed(step(human, dt))  # type: ignore[method-assign]
 
 
-def _not_finite(bench: Bench, posture: RobotPosture) -> RobotPosture:
-    return replace(posture, q=np.full_like(posture.q, np.nan), joint_positions=posture.joint_positions + np.nan)
+def not_finite(bench: Bench, times: float = np.inf) -> None:
+    """Make the posture of the robot's stage NaN, so many times."""
+
+    def broken(posture: RobotPosture) -> RobotPosture:
+        return replace(posture, q=np.full_like(posture.q, np.nan), joint_positions=posture.joint_positions + np.nan)
+
+    _following(bench, broken, times)
 
 
-def _leg_inwards(bench: Bench, posture: RobotPosture) -> RobotPosture:
-    """Act as a stage without observers and stops: turn a leg into the other, within all limits of the joint."""
+def leg_inwards(bench: Bench) -> None:
+    """Turn a leg into the other within all limits of the joint, as a stage without observers and stops would."""
     joint, angle, speed = INWARDS
-    servos, dt = bench.robot.joint_map, 1.0 / bench.robot.profile.safety.rate_hz
-    if len(bench.trace.postures) < 2:
-        return posture  # nothing has been sent yet
-    column = servos.joints.index(joint)
-    (_, before), (_, sent) = bench.trace.postures[-2:]
-    goal, moved = posture.joint_positions.copy(), sent - before
-    change = 0.5 * float(servos.max_acceleration[column]) * dt * dt
-    way = np.clip(angle - sent[column], -speed * dt, speed * dt)
-    bench.machine.follower.stop = lambda dt: None  # type: ignore[method-assign]
-    goal[column] = sent[column] + np.clip(way, moved[column] - change, moved[column] + change)
-    q = posture.q.copy()
-    q[bench.robot.servo_columns] = goal
-    bench.trace.asked.append((bench.clock.now(), goal))
-    return replace(posture, q=q, joint_positions=goal)
+
+    def turned(posture: RobotPosture) -> RobotPosture:
+        servos, dt = bench.robot.joint_map, 1.0 / bench.robot.profile.safety.rate_hz
+        if len(bench.trace.postures) < 2:
+            return posture  # nothing has been sent yet
+        column = servos.joints.index(joint)
+        (_, before), (_, sent) = bench.trace.postures[-2:]
+        goal, moved = posture.joint_positions.copy(), sent - before
+        change = 0.5 * float(servos.max_acceleration[column]) * dt * dt
+        towards = np.clip(angle - sent[column], -speed * dt, speed * dt)
+        bench.machine.follower.stop = lambda dt: None  # type: ignore[method-assign]
+        goal[column] = sent[column] + np.clip(towards, moved[column] - change, moved[column] + change)
+        q = posture.q.copy()
+        q[bench.robot.servo_columns] = goal
+        bench.trace.desired.append((bench.clock.now(), goal))
+        return replace(posture, q=q, joint_positions=goal)
+
+    _following(bench, turned)
 
 
 # Injections into the bus and into servos.
 
 
-def _line(bench: Bench, kind: str, **rest: Any) -> None:
-    """Begin a fault of the emulated line, with its keys."""
-    for line in bench.lines.values():
-        line.faults.add(Fault(FaultKind(kind), **rest), bench.clock.now())
+def line(bench: Bench, **keys: Any) -> None:
+    """Begin a fault of the emulated lines. keys: as in a fault file."""
+    for one in bench.lines.values():
+        one.faults.add(Fault(**keys), bench.clock.now())
 
 
-def _unwritable(bench: Bench) -> None:
-    for port in bench.ports.values():
-        port.writes_fail = True
-    bench.trace.writes_fail = True
-
-
-def _reset(bench: Bench, device: int, boot_time: float | None = None) -> None:
+def reset(bench: Bench, device: int, boot_time: float | None = None) -> None:
+    """Reset a servo, which starts within its boot time, s, or another one."""
     servo = bench.servo(device)
     servo.boot_time = servo.boot_time if boot_time is None else boot_time
     servo.reboot(bench.clock.now())
 
 
-def _slip(bench: Bench, device: int, by: float) -> None:
+def slip(bench: Bench, device: int, by: float) -> None:
     """Block a shaft away from its goal, by an angle, rad."""
     servo = bench.servo(device)
     servo.jam(True, bench.clock.now())
     servo.shaft.position += by / servo.servo_model.tick_rad
 
 
-def _press(bench: Bench, frame: str, force: tuple[float, float, float], seconds: float) -> None:
-    """Press against a point of the robot, N."""
+def press(bench: Bench, frame: str, force: tuple[float, float, float], seconds: float) -> None:
+    """Press against a frame of the robot with a force, N."""
     simulation = bench.simulation
     assert simulation is not None, "a robot with mass"
     bench.presses = True
     simulation.push(Push(force, simulation.time, seconds, frame))
 
 
-def _register(bench: Bench, device: int, name: str, value: int) -> None:
+def register(bench: Bench, device: int, name: str, value: int) -> None:
     """Replace a servo by one with another register value."""
     servo = bench.servo(device)
     servo.memory.put(name, value)
@@ -301,42 +286,35 @@ def _garble(make: Callable[..., list[bytes]]) -> Act:
 
 
 SENDERS = (sender.silent, sender.flapping, sender.pausing, sender.lost, sender.frozen, sender.swapped)
+FUNCTIONS = (reordered, other_sender, flood, wall_clock, raising, line, reset, slip, press, register)
 ACTS: dict[str, Act] = {
     **{make.__name__: _sender(make) for make in SENDERS},
+    **{act.__name__: act for act in FUNCTIONS},
     "moved": _sender(lambda name, by: sender.moved(name, 0.0, sender.EVER, by)),
+    "clock_jump": lambda bench, by: bench.sender.jumps.append(by),
     # The first number of every position becomes another text.
-    "number": _garble(lambda datagram, text: [_FIRST_NUMBER.sub(b'"p": [' + text.encode() + b",", datagram)]),
-    "no_rotation": _garble(_no_rotation),
-    "garbage_in_place": _garble(_garbage_in_place),
-    "reordered": _reordered,
-    "clock_jump": _clock_jump,
-    "other_sender": _other_sender,
-    "flood": _flood,
-    "wall_clock": _wall_clock,
-    "raising": _raising,
-    "signal": _signal,
+    "number": _garble(lambda data, text: [re.sub(rb'"p": \[[^,]+,', b'"p": [' + text.encode() + b",", data)]),
+    "no_rotation": _garble(
+        lambda data: [
+            data.replace(b"]}", b'], "q": [0.0, 0.0, 0.0, 0.0]}').replace(b'"axes"', b'"quaternion": "wxyz", "axes"')
+        ]
+    ),
+    "garbage_in_place": _garble(lambda data: [data[: len(data) // 2], b"", b"\x00\xff" * 20, data, b'{"poses": [[[[']),
+    "signal": Bench.interrupt,
     "suspended": lambda bench, length: bench.clock.sleep_until(bench.clock.now() + length),
     "kill": Bench.kill,
-    "line": _line,
-    "unwritable": _unwritable,
-    "reset": _reset,
+    "unwritable": Bench.refuse_writes,
     "overload": lambda bench, device: bench.servo(device).overload(bench.clock.now()),
-    "slip": _slip,
-    "press": _press,
-    "register": _register,
 }
 ARMED_ACTS: dict[str, Act] = {
-    "late": _late,
-    "not_finite": lambda bench, times=np.inf: _following(bench, _not_finite, times),
-    "leg_inwards": lambda bench: _following(bench, _leg_inwards),
-    "rest_refused": _rest_refused,
+    **{act.__name__: act for act in (late, not_finite, leg_inwards, rest_refused)},
     "operator_stop": lambda bench: bench.guard.latch(StopCause.REQUESTED, "space bar"),
 }
 """Injections into objects that exist once the bus is open: in an idle run they act before arming."""
 
 
 def _injection(entry: object) -> Callable[[Bench, float], object]:
-    """The injection of an entry of the table: a name, a mapping from the name to its arguments, or a list of these."""
+    """Return the injection of an entry: a name, a mapping from the name to its arguments, or a list of these."""
     if isinstance(entry, list):
         parts = [_injection(one) for one in entry]
         return lambda bench, at: [part(bench, at) for part in parts]
@@ -351,11 +329,12 @@ TABLE = Path(__file__).with_name("rows.yaml")
 ENUMS: dict[str, Any] = {"reaction": Reaction, "idle": Idle, "cause": StopCause, "then": StopCause}
 
 
-def _row(entry: dict[str, Any]) -> Row:
-    values: dict[str, Any] = {key: ENUMS[key][value] if key in ENUMS else value for key, value in entry.items()}
-    return Row(**values | {"inject": _injection(entry["inject"]), "refusal": tuple(entry.get("refusal", ()))})
-
-
-ROWS: tuple[Row, ...] = tuple(_row(entry) for entry in yaml.safe_load(TABLE.read_text(encoding="utf-8")))
+ROWS: tuple[Row, ...] = tuple(
+    Row(
+        **{key: ENUMS[key][value] if key in ENUMS else value for key, value in entry.items()}
+        | {"inject": _injection(entry["inject"]), "refusal": tuple(entry.get("refusal", ()))}
+    )
+    for entry in yaml.safe_load(TABLE.read_text(encoding="utf-8"))
+)
 APPROACHED: tuple[Row, ...] = tuple(row for row in ROWS if row.approach)
 """Rows that are injected on the approach, too: the posture of a performer is neither solved nor gated there."""

@@ -1,4 +1,4 @@
-"""A performer's sensors as JSON datagrams on virtual time, and the faults of a sender."""
+"""The sensors of a performer as JSON datagrams on virtual time, and the faults of a sender."""
 
 import json
 import math
@@ -22,17 +22,17 @@ MOST_WAITING = 256
 
 Poses = dict[str, FloatArray]
 SenderFault = Callable[[float, Poses], Poses | None]
-"""From time (s of the sender) and positions by name to what is sent instead; None: nothing is sent."""
+"""A function of time (s of the sender) and positions by name: those that are sent instead, None: nothing is."""
 Garble = Callable[[float, bytes], list[bytes]]
-"""From time and a datagram to what arrives instead."""
+"""A function of time and a datagram: the datagrams that arrive instead."""
 
 
 @dataclass
 class FakeSender:
     """A `retarget.live.admission.Receiver` of the datagrams of a performer, on the clock, s, by which it is polled.
 
-    faults: of what is sent; garbles: of datagrams; stamp: the sender's clock; others: other datagrams that
-    arrive at a time, from any address.
+    faults: of poses; garbles: of datagrams; jumps: of the sender's clock, s; others: datagrams from other addresses, by
+    the times, s of the sender, of the last poll and of this one.
     """
 
     frames: SensorFrames = field(default_factory=synthetic_performer)
@@ -41,7 +41,7 @@ class FakeSender:
     garbles: list[Garble] = field(default_factory=list)
     source: Source = ("127.0.0.1", 40000)
     dropped: Dropped = field(default_factory=Dropped)
-    stamp: Callable[[float], float] = lambda time: time + 1000.0
+    jumps: list[float] = field(default_factory=list)
     others: list[Callable[[float, float], list[Datagram]]] = field(default_factory=list)
     seed: int = 3
 
@@ -55,7 +55,7 @@ class FakeSender:
 
     @property
     def begun(self) -> float:
-        """Time, s of the clock that polls, at which the sender's own time began."""
+        """Begin of the sender's own time, s of the clock that polls."""
         return 0.0 if self._begun is None else self._begun
 
     @property
@@ -89,13 +89,17 @@ class FakeSender:
     def close(self) -> None:
         """Do nothing: no socket is open."""
 
+    def stamp(self, time: float) -> float:
+        """Return the time by the sender's clock, s, at a time, s of the sender."""
+        return sum(self.jumps, time + 1000.0)
+
     def encoded(self, time: float) -> bytes | None:
-        """The datagram that is sent at a time, s of the sender; None: nothing is."""
+        """Return the datagram that is sent at a time, s of the sender; None: nothing is."""
         poses = self.poses(time)
         return None if poses is None else encoded(self.stamp(time), poses)
 
     def poses(self, time: float) -> Poses | None:
-        """What is sent at a time, s of the sender, with its faults; None: nothing is."""
+        """Return what is sent at a time, s of the sender, with its faults; None: nothing is."""
         row = min(max(round((time - STILL_S) * self.rate_hz), 0), len(self.track) - 1)
         noise = self._chance.normal(0.0, NOISE_M, self.track[row].shape)
         poses: Poses | None = dict(zip(self.frames.names, self.track[row] + noise, strict=True))
@@ -110,33 +114,33 @@ def encoded(stamp: float, poses: Poses) -> bytes:
     return json.dumps({"axes": "rep103", "time": stamp, "poses": sent}).encode()
 
 
-# Faults of a sender. A window is from `first` to before `last`, s of the sender.
+# Faults of a sender, from `first` to before `last`, s of the sender.
 
 EVER = math.inf
 
 
 def silent(first: float = 0.0, last: float = EVER) -> SenderFault:
-    """Make the fault of a sender that sends nothing from `first` to before `last`, s."""
+    """Send nothing."""
     return lambda time, poses: None if first <= time < last else poses
 
 
 def flapping(period: float = 0.3) -> SenderFault:
-    """Make the fault of a sender that from the first call on sends nothing for 0.6 of each `period`, s."""
+    """Send nothing for 0.6 of each `period`, s, from the first call on."""
     return _gaps(lambda time: (time / period) % 1.0 < 0.6)
 
 
 def pausing(length: float) -> SenderFault:
-    """Make the fault of a sender that from the first call on sends nothing for `length` s."""
+    """Send nothing for `length` s from the first call on."""
     return _gaps(lambda time: time < length)
 
 
 def lost(name: str, first: float = 0.0, last: float = EVER) -> SenderFault:
-    """Make the fault of a sender whose datagrams lack one sensor from `first` to before `last`, s."""
+    """Leave one sensor out."""
     return _within(first, last, lambda poses: {other: at for other, at in poses.items() if other != name})
 
 
 def frozen(name: str, first: float = 0.0, last: float = EVER) -> SenderFault:
-    """Make the fault of one sensor that repeats its place, to the bit, from `first` to before `last`, s."""
+    """Repeat the position of one sensor, to the bit."""
     kept: Poses = {}
 
     def repeated(poses: Poses) -> Poses:
@@ -147,18 +151,18 @@ def frozen(name: str, first: float = 0.0, last: float = EVER) -> SenderFault:
 
 
 def moved(name: str, first: float, last: float, by: Sequence[float]) -> SenderFault:
-    """Make the fault of one sensor that is `by` m elsewhere from `first` to before `last`, s."""
+    """Shift one sensor by `by` (3,) m."""
     return _within(first, last, lambda poses: poses | {name: poses[name] + np.array(by)} if name in poses else poses)
 
 
 def swapped(one: str, other: str, first: float = 0.0, last: float = EVER) -> SenderFault:
-    """Make the fault of two sensors that swap their names from `first` to before `last`, s."""
+    """Swap the names of two sensors."""
     names = {one: other, other: one}
     return _within(first, last, lambda poses: {names.get(name, name): at for name, at in poses.items()})
 
 
 def _gaps(missing: Callable[[float], bool]) -> SenderFault:
-    """Nothing is sent while something is `missing`, by time since the first call, s."""
+    """Send nothing while `missing` is true of the time since the first call, s."""
     begun: list[float] = []
 
     def fault(time: float, poses: Poses) -> Poses | None:

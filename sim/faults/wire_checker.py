@@ -1,5 +1,4 @@
-"""Judges the bytes that a host sent: goals inside limits, slow enough, at rest in time, clear of collision, none after
-a latch.
+"""Judges the bytes that a host sent: goals inside limits, slow enough, at rest in time, clear of collision.
 
 It shares no code with what it judges.
 """
@@ -15,6 +14,7 @@ from retarget.model.body_file import compile_body
 from retarget.model.robot import RobotBody
 from retarget.report.clearance import Clearance, PlacedBody
 from retarget.types import FloatArray
+from sim.faults.bounds import BOUNDS
 
 # The frames of protocol 2.0 that a host sent, and what they write.
 
@@ -23,8 +23,8 @@ READS = frozenset((0x01, 0x02, 0x82, 0x8A, 0x92, 0x9A))
 """Ping, read, (fast) sync read, (fast) bulk read: they change no device."""
 WRITE, REG_WRITE, SYNC_WRITE = 0x03, 0x04, 0x83
 GOAL_POSITION, TORQUE_ENABLE, WATCHDOG = 116, 64, 98
-"""Instructions of Protocol 2.0 and addresses of X-series registers (e-Manual); written here anew, so that the
-checker shares no mistake with the driver."""
+"""Instructions of protocol 2.0 and addresses of X-series registers (e-Manual), written here again so that the checker
+shares no mistake with the driver."""
 
 
 @dataclass(frozen=True)
@@ -47,19 +47,19 @@ class Packet:
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """A write that every servo takes at once: little-endian signed values by id, at an address."""
+    """A write that every servo takes at once: little-endian signed values by id, at an address. time: s."""
 
     time: float
     address: int
     values: dict[int, int]
 
     def torque(self, *, on: bool) -> bool:
-        """Whether it switches torque: on for any servo, or off for all."""
+        """Return whether it switches torque: on for any servo, or off for all."""
         return self.address == TORQUE_ENABLE and any(self.values.values()) is on
 
 
 def packets(sent: Sequence[Sent]) -> Iterator[Packet]:
-    """Every instruction, in order."""
+    """Yield every instruction, in order."""
     for one in sent:
         data = one.data
         at = data.find(HEADER)
@@ -72,7 +72,7 @@ def packets(sent: Sequence[Sent]) -> Iterator[Packet]:
 
 
 def written(sent: Sequence[Sent]) -> list[Written]:
-    """Every write to a single servo or to several."""
+    """Return every write to a single servo or to several."""
     found = []
     for packet in packets(sent):
         params = packet.params
@@ -88,7 +88,7 @@ def written(sent: Sequence[Sent]) -> list[Written]:
 
 
 def goal_writes(writes: Sequence[Written]) -> list[tuple[float, dict[int, int]]]:
-    """Times (s) and goals (ticks by id) of every write of goal positions."""
+    """Return times (s) and goals (ticks by id) of every write of goal positions."""
     return [(one.time, one.values) for one in writes if one.address == GOAL_POSITION]
 
 
@@ -97,28 +97,24 @@ def torque_off(writes: Sequence[Written], since: float) -> float | None:
     return next((one.time for one in writes if one.time >= since and one.torque(on=False)), None)
 
 
-ROUNDED_TICKS, ROUNDED_INWARDS_TICKS = 0.5, 1.0
-"""Ticks by which rounding may change a goal; and in the last tick inside a limit, where goals are rounded inwards."""
-NUMERICS_RAD = 1e-9
-"""Rounding error of a difference of goals in 64 bits, rad."""
-STRAIGHT_TICKS = 3
-"""Ticks back and forth that are no detour."""
 SPANS = (1, 2, 4, 8, 16)
-"""Spans in ticks over which speed and its change are judged: over long ones, rounding hides little."""
-LATE_S = 0.5
-"""Goals further apart than this are no motion from one to the other: torque was off in between."""
+"""Spans in goals over which speed and its change are judged: over long ones, rounding hides little."""
 Goals = Sequence[tuple[float, dict[int, int]]]
 """Times (s) and goals (ticks by id)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """One servo's goals: times (T,) s, angle (T,) rad of the joint; step: rad of the joint per tick."""
+    """The goals of one servo: times (T,) s, angle (T,) rad of the joint; step: rad of the joint per tick."""
 
     servo: ServoSpec
     times: FloatArray
     angle: FloatArray
     step: float
+
+    def between(self, first: float, last: float) -> FloatArray:
+        """Return the angles from `first` to before `last`, s."""
+        return np.asarray(self.angle[(self.times >= first) & (self.times < last)])
 
 
 def once(goals: Goals, *, within: float) -> Goals:
@@ -131,7 +127,7 @@ def once(goals: Goals, *, within: float) -> Goals:
 
 
 def tracks(goals: Goals, servos: Sequence[ServoSpec]) -> list[Track]:
-    """The goals of each of the plain servos (no couplings) that got any."""
+    """Return the goals of each of the plain servos (no couplings) that got any."""
     found = []
     for servo in servos:
         own = [(time, goal[servo.id]) for time, goal in goals if servo.id in goal]
@@ -143,7 +139,7 @@ def tracks(goals: Goals, servos: Sequence[ServoSpec]) -> list[Track]:
 
 
 def posture_tracks(postures: Sequence[tuple[float, FloatArray]], servos: Sequence[ServoSpec]) -> list[Track]:
-    """The postures, times (s) and (n,) rad in the servos' order, as tracks."""
+    """Return postures, times (s) and (n,) rad in the order of the servos, as tracks."""
     times = np.array([time for time, _ in postures])
     angles = np.array([posture for _, posture in postures]).reshape(len(postures), len(servos))
     return [
@@ -152,42 +148,42 @@ def posture_tracks(postures: Sequence[tuple[float, FloatArray]], servos: Sequenc
 
 
 def beyond_limits(goal_tracks: Sequence[Track], dt: float) -> list[str]:
-    """Return the violations of goals that come every `dt` s, a line each. A late goal has the same bound on its step as
-    one in time: it must not catch up."""
-    return [text for track in goal_tracks for text in _of_servo(track, dt)]
+    """Return the violations of goals that come every `dt` s, a line each.
 
-
-def _of_servo(track: Track, dt: float) -> list[str]:
-    servo, angle, step = track.servo, track.angle, track.step
-    if not np.isfinite(angle).all():
-        return [f"{servo.label}: not finite"]
+    A late goal has the same bound on its step as one in time: it must not catch up.
+    """
     found = []
-    beyond = max(float((servo.lower - angle).max()), float((angle - servo.upper).max()))
-    if beyond > step:
-        found.append(f"{servo.label}: {beyond:.3f} rad beyond its limits")
-    for run in np.split(angle, np.flatnonzero(np.diff(track.times) >= LATE_S) + 1):
-        rounding = _rounding(track, run)
-        fast = _beyond(run, servo.max_velocity * dt, rounding)
-        if fast > 0.0:
-            found.append(f"{servo.label}: {fast / dt:.2f} rad/s too fast")
-        hard = _beyond(np.diff(run), servo.max_acceleration * dt**2, rounding[1:] + rounding[:-1])
-        if hard > 0.0:
-            found.append(f"{servo.label}: {hard / dt**2:.0f} rad/s^2 too hard")
+    for track in goal_tracks:
+        servo, angle = track.servo, track.angle
+        if not np.isfinite(angle).all():
+            found.append(f"{servo.label}: not finite")
+            continue
+        beyond = max(float((servo.lower - angle).max()), float((angle - servo.upper).max()))
+        if beyond > track.step:
+            found.append(f"{servo.label}: {beyond:.3f} rad beyond its limits")
+        for run in np.split(angle, np.flatnonzero(np.diff(track.times) >= BOUNDS.off_between_s) + 1):
+            rounding = _rounding(track, run)
+            fast = _beyond(run, servo.max_velocity * dt, rounding)
+            if fast > 0.0:
+                found.append(f"{servo.label}: {fast / dt:.2f} rad/s too fast")
+            hard = _beyond(np.diff(run), servo.max_acceleration * dt**2, rounding[1:] + rounding[:-1])
+            if hard > 0.0:
+                found.append(f"{servo.label}: {hard / dt**2:.0f} rad/s^2 too hard")
     return found
 
 
 def _rounding(track: Track, angle: FloatArray) -> FloatArray:
     """Return how far goals may be from the unrounded ones, rad."""
     room = np.minimum(angle - track.servo.lower, track.servo.upper - angle)
-    ticks = np.where(room < track.step, ROUNDED_INWARDS_TICKS, ROUNDED_TICKS)
+    ticks = np.where(room < track.step, BOUNDS.rounded_inwards_ticks, BOUNDS.rounded_ticks)
     return np.asarray(ticks * track.step)
 
 
 def _beyond(values: FloatArray, most: float, rounding: FloatArray) -> float:
-    """Return by how much values change more than allowed in a tick, at most; 0 where they do not. rounding: of each."""
+    """Return by how much values change more than `most` in a tick; 0 where they do not. rounding: of each value."""
     found = 0.0
     for n in SPANS[: int(np.searchsorted(SPANS, len(values)))]:
-        change = np.abs(values[n:] - values[:-n]) - rounding[n:] - rounding[:-n] - NUMERICS_RAD
+        change = np.abs(values[n:] - values[:-n]) - rounding[n:] - rounding[:-n] - BOUNDS.numerics_rad
         found = max(found, float(change.max()) / n - most)
     return found
 
@@ -196,7 +192,7 @@ def still_moving(goal_tracks: Sequence[Track], first: float, last: float, *, tic
     """Return the servos that still move by more than some ticks between two times, s, a line each."""
     found = []
     for track in goal_tracks:
-        angles = track.angle[(track.times >= first) & (track.times < last)]
+        angles = track.between(first, last)
         if angles.size and np.ptp(angles) > ticks * track.step * 1.001:
             found.append(f"{track.servo.label} still moves, by {np.ptp(angles):.4f} rad")
     return found
@@ -211,8 +207,8 @@ def too_fast(goal_tracks: Sequence[Track], first: float, last: float, *, share: 
     """Return the servos that go faster than a share of their greatest speed between two times, s, a line each."""
     found = []
     for track in goal_tracks:
-        within = track.angle[(track.times >= first) & (track.times < last)]
-        fast = _beyond(within, share * track.servo.max_velocity * dt, _rounding(track, within))
+        angles = track.between(first, last)
+        fast = _beyond(angles, share * track.servo.max_velocity * dt, _rounding(track, angles))
         if fast > 0.0:
             found.append(f"{track.servo.label}: {fast / dt:.2f} rad/s faster than {share:.0%} of its speed")
     return found
@@ -222,10 +218,10 @@ def detours(goal_tracks: Sequence[Track], first: float, last: float) -> list[str
     """Return the servos that make a detour between two times, s, a line each."""
     found = []
     for track in goal_tracks:
-        way = track.angle[(track.times >= first) & (track.times < last)]
-        if way.size:
-            more = float(np.abs(np.diff(way)).sum() - abs(way[-1] - way[0]))
-            if more > STRAIGHT_TICKS * track.step:
+        angles = track.between(first, last)
+        if angles.size:
+            more = float(np.abs(np.diff(angles)).sum() - abs(angles[-1] - angles[0]))
+            if more > BOUNDS.straight_ticks * track.step:
                 found.append(f"{track.servo.label} goes back and forth, by {more:.3f} rad")
     return found
 
@@ -247,7 +243,7 @@ def torque_on_again(writes: Sequence[Written], since: float) -> list[str]:
 
 
 def not_reads(packets: Sequence[Packet], *, but: frozenset[int]) -> list[str]:
-    """Return instructions other than reads; `but` for devices (ids) that are no servos."""
+    """Return instructions other than reads. but: ids of devices that are no servos."""
     return [
         f"instruction 0x{one.instruction:02x} went to id {one.id}"
         for one in packets
@@ -257,24 +253,7 @@ def not_reads(packets: Sequence[Packet], *, but: frozenset[int]) -> list[str]:
 
 # Self-collision of the goals that were sent: by the body file in MuJoCo, without any code of the gate.
 
-DEEPEST_M = 2e-4
-"""Greatest depth of contact, m, by rounding to ticks: a tick of 1.5 mrad at an arm of 0.2 m moves it 0.3 mm."""
-
-
 _compiled = cache(compile_body)
-
-
-def postures_of(robot: RobotBody, goal_tracks: Sequence[Track]) -> FloatArray:
-    """Return the postures (T, nq), rad, of all goals, at the times of the first servo; the root as in the body file."""
-    if not goal_tracks:
-        return np.zeros((0, robot.body.nq))
-    times = goal_tracks[0].times
-    found = np.tile(robot.body.qpos0, (len(times), 1))
-    columns = dict(zip(robot.joint_map.joints, robot.servo_columns, strict=True))
-    for track in goal_tracks:
-        rows = np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, None)
-        found[:, columns[track.servo.joint]] = track.angle[rows]
-    return found
 
 
 def clearance_of(robot: RobotBody, postures: FloatArray) -> Clearance:
@@ -286,8 +265,14 @@ def clearance_of(robot: RobotBody, postures: FloatArray) -> Clearance:
 
 
 def collisions(robot: RobotBody, goal_tracks: Sequence[Track]) -> list[str]:
-    """Return the deepest collision of goals, in words, if there is one."""
-    found = clearance_of(robot, postures_of(robot, goal_tracks))
-    if found.smallest is None or found.smallest > -DEEPEST_M or found.pair is None:
+    """Return the deepest collision of goals, in words, if there is one. The root stays as in the body file."""
+    times = goal_tracks[0].times if goal_tracks else np.zeros(0)
+    postures = np.tile(robot.body.qpos0, (len(times), 1))  # (T, nq) [rad] at the times of the first servo
+    columns = dict(zip(robot.joint_map.joints, robot.servo_columns, strict=True))
+    for track in goal_tracks:
+        rows = np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, None)
+        postures[:, columns[track.servo.joint]] = track.angle[rows]
+    found = clearance_of(robot, postures)
+    if found.smallest is None or found.smallest > -BOUNDS.deepest_m or found.pair is None:
         return []
     return [f"{' and '.join(found.pair)} are {-1e3 * found.smallest:.1f} mm in each other"]

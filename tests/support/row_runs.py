@@ -14,11 +14,8 @@ from typing import Any, NoReturn
 
 from retarget.live.performer import LivePerformer
 from sim.faults.bench import Bench
+from sim.faults.bounds import BOUNDS
 from sim.faults.judge import (
-    ENGAGING_S,
-    LONGER_S,
-    ONSET,
-    OUTLIVED,
     Struck,
     When,
     least,
@@ -34,7 +31,7 @@ Claims = Mapping[str, Any]
 Job = Callable[[Bench], Callable[[], Any]]
 """Injects faults into a bench whose robot moves; what it returns is called after the run, for the result."""
 Change = Callable[[Bench], object]
-FORKED_S = ONSET - 0.1
+FORKED_S = BOUNDS.onset_s - 0.1
 """Before any fault begins, s of following."""
 
 
@@ -66,7 +63,7 @@ def forked(job: Job, *, performer: str = "five", mass: bool = False) -> Any:
 def follow_for(bench: Bench, seconds: float) -> None:
     """End following in time, as at the end of a run."""
     assert isinstance(bench.samples, LivePerformer)
-    bench.samples.ticks = round((ENGAGING_S + seconds) * bench.robot.profile.safety.rate_hz)
+    bench.samples.ticks = round((BOUNDS.engaging_s + seconds) * bench.robot.profile.safety.rate_hz)
 
 
 def pair_wrongs(first: str, second: str, *, gap: float, before: Change | None = None) -> tuple[str, ...]:
@@ -99,15 +96,16 @@ def _judged(one: Row, bench: Bench, when: When, claims: Sequence[Claims]) -> lis
 
 def _row_job(name: str, claims: Sequence[Claims], bench: Bench) -> Callable[[], Any]:
     one = row(name)
-    follow_for(bench, ONSET + one.after)
-    bench.leaves = one.reaction in OUTLIVED
-    one.inject(bench, ONSET)
+    follow_for(bench, BOUNDS.onset_s + one.after)
+    bench.leaves = BOUNDS.reactions[one.reaction.name].outlived
+    one.inject(bench, BOUNDS.onset_s)
     return lambda: _judged(one, bench, When.MOVING, claims)
 
 
 def _pair_job(first: str, second: str, gap: float, before: Change | None, bench: Bench) -> Callable[[], Any]:
-    strikes = Struck(row(first), ONSET), Struck(row(second), ONSET + gap)
-    follow_for(bench, ONSET + gap + max(LONGER_S, *(least(one.row).limit + 0.1 for one in strikes)))
+    onset = BOUNDS.onset_s
+    strikes = Struck(row(first), onset), Struck(row(second), onset + gap)
+    follow_for(bench, onset + gap + max(BOUNDS.longer_s, *(least(one.row).limit + 0.1 for one in strikes)))
     if before is not None:
         before(bench)
     for one, at in strikes:
@@ -130,7 +128,9 @@ def _serve(asked: Connection, performer: str, mass: bool) -> NoReturn:
     """Run until shortly before the onset; then do each job that is asked for in a child. Never returns."""
     done: list[Callable[[], Any]] = []
     longest = max(one.after for one in ROWS)
-    bench = Bench(FakeSender(seed=3), duration=ENGAGING_S + ONSET + longest, performer=performer, mass=mass)
+    bench = Bench(
+        FakeSender(seed=3), duration=BOUNDS.engaging_s + BOUNDS.onset_s + longest, performer=performer, mass=mass
+    )
 
     def wait() -> None:
         while True:

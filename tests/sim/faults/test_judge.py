@@ -6,7 +6,6 @@ from unittest.mock import patch
 
 import pytest
 
-import sim.faults.bench
 from hardware.dynamixel.codec import protocol2
 from hardware.guard_state import StopCause
 from messages import shows
@@ -14,8 +13,9 @@ from retarget.live.performer import LivePerformer
 from retarget.types import RunState
 from row_runs import always, forked, pair_wrongs, row
 from sim.faults.bench import Bench, TickEnd, Trace
+from sim.faults.bounds import BOUNDS
 from sim.faults.cases import judged_seed
-from sim.faults.judge import ONSET, least, outdone, reached, violations
+from sim.faults.judge import least, outdone, reached, violations
 from sim.faults.rows import Reaction
 from sim.faults.sender import FakeSender
 from sim.faults.wire_checker import HEADER, Sent, goal_writes, torque_off, written
@@ -158,7 +158,7 @@ def test_what_ended_before_the_stop_did_is_no_tick_after_it(bench: Bench) -> Non
 
 
 def _endless(bench: Bench) -> Callable[[], object]:
-    sim.faults.bench.ENDLESS_S = -10.0
+    patch("sim.faults.bench.BOUNDS", BOUNDS.model_copy(update={"endless_s": -10.0})).start()
     return lambda: (bench.trace.endless, violations(bench, bench.trace))
 
 
@@ -184,7 +184,7 @@ def faster(trace: Trace, since: float, until: float) -> Trace:
 
 def _hurried(bench: Bench) -> Callable[[], object]:
     """Goals that are too fast on the approach, and after a hold, of a performer whose stream was silent meanwhile."""
-    row("stream silent for a while").inject(bench, ONSET)
+    row("stream silent for a while").inject(bench, BOUNDS.onset_s)
 
     def judged() -> tuple[list[str], list[str]]:
         trace = bench.trace
@@ -194,7 +194,7 @@ def _hurried(bench: Bench) -> Callable[[], object]:
         doctored = faster(trace, middle, trace.approach_ended), faster(trace, again, again + 0.7)
         return violations(bench, doctored[0]), violations(bench, doctored[1])
 
-    bench.at(ONSET + 1.9, bench.leave)
+    bench.at(BOUNDS.onset_s + 1.9, bench.leave)
     return judged
 
 
@@ -261,7 +261,7 @@ def test_a_wrist_that_is_lost_and_sides_that_change_places_are_a_swap(names: tup
     ],
 )
 def test_the_stronger_of_two_is_asked_for(first: str, second: str, reaction: Reaction, limit: float) -> None:
-    need = outdone(row(first), row(second), apart=0.05)
+    need = outdone(row(first), row(second), gap=0.05)
     assert need.reaction is reaction and need.limit == pytest.approx(limit)
 
 
