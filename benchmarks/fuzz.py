@@ -63,9 +63,9 @@ from retarget.setup.import_robot import read_robot
 from retarget.sources.asf_amc import read_amc
 from retarget.sources.files import ReadOptions
 from retarget.sources.markers import MARKER_GROUPS, read_marker_table
-from retarget.sources.mvnx import SEGMENTS
 from retarget.sources.open import open_source
 from retarget.sources.skeletons import SMPL_NAMES
+from retarget.sources.streams.mvn import SEGMENTS
 from retarget.sources.streams.raw_record import RawReader, RawWriter
 from retarget.web.recorded import open_recorded
 

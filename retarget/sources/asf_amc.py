@@ -1,8 +1,8 @@
-"""Acclaim motion files (.amc) with their skeletons (.asf).
+"""Acclaim motion files (.amc) with their skeletons (.asf), y up.
 
-The AMC names no frame rate (most CMU trials have 120 Hz) and no unit (CMU: 0.0254 / 0.45 m where the ASF says length
-0.45). World: the file's y is up; (x, y, z)_robot = (z, x, y)_file, so a performer in the rest pose faces x. Sensors and
-joints as in `canonical`; the ground is where the file has it.
+Format: the Acclaim ASF/AMC description. A bone turns about its start; its end is where its children start. Limits are
+ignored, because recorded data exceed them. The AMC states neither frame rate nor unit (CMU: mostly 120 Hz, and 0.0254 /
+0.45 m if the ASF says length 0.45). The ground stays as in the file.
 """
 
 from collections.abc import Iterator
@@ -28,30 +28,24 @@ from retarget.sources.files import (
 from retarget.sources.skeletons import JointPoses, JointTree, posed
 from retarget.types import FloatArray
 
-# Acclaim skeleton files (.asf): bones with their lengths, directions, axes and degrees of freedom.
-#
-# Format: the Acclaim ASF/AMC description (sections :units, :root, :bonedata, :hierarchy). A bone turns about the start
-# of itself; its end is where its children start. Limits are read past: recorded data exceeds them.
-
 MAX_BONES = 1000
-"""Skeletons with more bones are refused."""
+"""Most bones of a skeleton."""
 
 ROOT = "root"
 _ROOT_DOF = ("tx", "ty", "tz", "rx", "ry", "rz")
 _DOF = ("rx", "ry", "rz")
 
 _Line = tuple[str, list[str]]
-"""Where a line is, for messages, and its words."""
+"""File and line for messages, and the words of the line."""
 
 
 @dataclass(frozen=True)
 class AsfSkeleton:
-    """A skeleton in the file's axes (y up) and units.
+    """A skeleton in file axes and units.
 
-    tree: joint i is the start of bone i, joint 0 the root. dof (n): per bone the channels that its AMC line holds, in
-    order, "rx" "ry" "rz" and for the root "tx" "ty" "tz" too. frames (n, 4): orientation C of each bone's axes, about
-    which it turns. length_unit: the number at `length` in :units. degrees: whether angles are in degrees. path: the
-    file.
+    tree: joint i is the start of bone i, joint 0 the root. dof (n): channels of each bone's AMC line, in order: "rx"
+    "ry" "rz", for the root also "tx" "ty" "tz". frames (n, 4): orientation C of the axes about which a bone turns.
+    length_unit: `length` in :units. degrees: True if angles are in degrees.
     """
 
     tree: JointTree
@@ -64,7 +58,7 @@ class AsfSkeleton:
 
 @dataclass(frozen=True)
 class _Bone:
-    """vector (3,): from its start to its end. frame (4,): of its axes. dof: see `AsfSkeleton`."""
+    """vector (3,): from its start to its end. frame (4,): of its axes. dof: as in `AsfSkeleton`."""
 
     vector: FloatArray
     frame: FloatArray
@@ -72,7 +66,7 @@ class _Bone:
 
 
 def read_asf(path: Path) -> AsfSkeleton:
-    """Read a skeleton. Raises InputError with file and line for anything that is wrong in it."""
+    """Read a skeleton. Raises InputError with file and line."""
     sections, last = _sections(path)
     units = _keyed(sections.get("units", []))
     where, words = units.get("length", ("", []))
@@ -96,7 +90,7 @@ def read_asf(path: Path) -> AsfSkeleton:
             f"no {missing} section with content", where=last, next_step="The file is cut short: get it again"
         )
     order, parents = [ROOT], {ROOT: -1}
-    for i, name in enumerate(order):  # grows while it is walked: breadth first, no recursion
+    for i, name in enumerate(order):  # grows in the loop: breadth first
         for child in children.get(name, ()):
             parents[child] = i
             order.append(child)
@@ -117,7 +111,7 @@ def read_asf(path: Path) -> AsfSkeleton:
 
 
 def _sections(path: Path) -> tuple[dict[str, list[_Line]], str]:
-    """The lines with content by section (`:name`, in lower case), and where the file ends."""
+    """Lines with content by section (`:name`, in lower case), and the end of the file for messages."""
     sections: dict[str, list[_Line]] = {}
     section, lines = "", read_lines(path)
     for number, line in enumerate(lines, start=1):
@@ -133,12 +127,12 @@ def _sections(path: Path) -> tuple[dict[str, list[_Line]], str]:
 
 
 def _keyed(lines: list[_Line]) -> dict[str, _Line]:
-    """The lines by their first words in lower case, and without these."""
+    """Lines by their first word in lower case, without it."""
     return {words[0].lower(): (where, words[1:]) for where, words in lines if len(words) > 1}
 
 
 def _bones(lines: list[_Line], last: str, *, degrees: bool) -> dict[str, _Bone]:
-    """The bones by name, each between `begin` and `end`. last: where the file ends."""
+    """Bones by name, each between `begin` and `end`. last: the end of the file."""
     bones: dict[str, _Bone] = {}
     content: list[_Line] | None = None
     began = ""
@@ -167,7 +161,6 @@ def _bones(lines: list[_Line], last: str, *, degrees: bool) -> dict[str, _Bone]:
 
 
 def _bone(content: list[_Line], began: str, *, degrees: bool) -> tuple[str, _Bone]:
-    """Name and content of one bone."""
     keyed = {words[0].lower(): (where, words[1:]) for where, words in content}
     lacking = [key for key in ("name", "direction", "length") if key not in keyed]
     if lacking:
@@ -187,8 +180,8 @@ def _bone(content: list[_Line], began: str, *, degrees: bool) -> tuple[str, _Bon
 
 
 def _frame(keyed: dict[str, _Line], key: str, *, degrees: bool) -> FloatArray:
-    """Orientation (4,) of a bone's axes: the three angles at `key`, applied about fixed axes in the order that stands
-    behind them, or (of the root) at `axis`."""
+    """Orientation (4,) of a bone's axes: the three angles at `key`, applied about fixed axes in the order after them,
+    or at `axis` (of the root)."""
     where, words = keyed.get(key, ("", ["0", "0", "0"]))
     angles = np.array(_triple(where, words[:3]))
     where, words = keyed["axis"] if key != "axis" and "axis" in keyed else (where, words[3:])
@@ -224,18 +217,15 @@ def _triple(where: str, words: list[str]) -> list[float]:
 
 
 DEFAULT_RATE_HZ = 120.0
-"""Rate, Hz, of an AMC, which does not say it: that of nearly all of CMU's."""
+"""Rate, Hz, of an AMC: that of nearly all of CMU's."""
 CMU_LENGTH_UNIT = 0.45
-"""`length` of CMU's ASF files, by which they are recognised: inches times 0.45."""
+"""`length` in CMU's ASF files, which identifies them: inches times 0.45."""
 
 
 def read_amc(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
-    """Read a motion and its skeleton, by default the ASF in the AMC's folder by subject number (02_06.amc: 02.asf) or
-    of the same name.
-
-    Units are by default CMU's for `length 0.45`, else guessed from the body's size, and 120 frames are a second. Raises
-    InputError with file and line.
-    """
+    """Read a motion and its skeleton, by default the ASF in the same folder by subject number (02_06.amc: 02.asf) or
+    of the same name. Without a unit, `length 0.45` means CMU's; else it is guessed. Raises InputError with file
+    and line."""
     lines = read_lines(path)
     asf = read_asf(options.skeleton or find_skeleton(path))
     values, degrees = read_values(lines, asf, path)
@@ -256,13 +246,13 @@ def read_amc(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
 
 
 def find_skeleton(path: Path) -> Path:
-    """The ASF in an AMC's folder, in any case: by subject number, else by the same name. Raises InputError if none."""
-    wanted = [f"{path.stem.split('_')[0]}.asf", f"{path.stem}.asf"]
+    """The ASF in an AMC's folder: by subject number, else by the same name, in any case. Raises InputError if none."""
+    usual = [f"{path.stem.split('_')[0]}.asf", f"{path.stem}.asf"]
     try:
         candidates = sorted(entry for entry in path.parent.iterdir() if entry.suffix.lower() == ".asf")
     except OSError:
         candidates = []
-    for name in wanted:
+    for name in usual:
         for entry in candidates:
             if entry.name.lower() == name.lower():
                 return entry
@@ -271,21 +261,26 @@ def find_skeleton(path: Path) -> Path:
         "no skeleton (ASF) for this motion",
         where=str(path),
         found=f"{names} in the same folder" if names else "no ASF file in the same folder",
-        allowed=" or ".join(dict.fromkeys(wanted)),
+        allowed=" or ".join(dict.fromkeys(usual)),
         next_step="Put it into the folder of the AMC, or name it with --skeleton FILE.asf",
     )
 
 
 def pose_of(asf: AsfSkeleton, values: FloatArray, *, degrees: bool) -> JointPoses:
-    """Forward kinematics of all frames (file axes and units): R = R_parent C Rz Ry Rx C^-1, C the axes of the bone."""
+    """Poses of all frames (file axes and units): R = R_parent C Rz Ry Rx C^-1, C the axes of the bone."""
     channels = [[(name[0], "xyz".index(name[1])) for name in dof] for dof in asf.dof]
     return posed(asf.tree, channels, values, degrees=degrees, frames=asf.frames)
 
 
-def _header(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[int, bool]:
-    """Index of the first line of data, and whether angles are degrees. Comments and ':' words come before it."""
+def read_values(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[FloatArray, bool]:
+    """Values (T, d) of all channels as in the file, in the order of the skeleton's bones, and True if angles are in
+    degrees.
+
+    A frame is a line with its number, then one line for each bone, in any order. Comments and words with ':' come
+    before the first one. Raises InputError with file and line.
+    """
     degrees = asf.degrees
-    for index, line in enumerate(lines):
+    for start, line in enumerate(lines):
         text = line.strip()
         if text.lower() in (":degrees", ":radians"):
             degrees = text.lower() == ":degrees"
@@ -293,21 +288,14 @@ def _header(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[int, bool]:
             if not text.isdecimal():
                 raise InputError(
                     "not an AMC file",
-                    where=f"{path}:{index + 1}",
+                    where=f"{path}:{start + 1}",
                     found=repr(text[:40]),
                     allowed="the number of the first frame",
                     next_step="Check that this is the recording, as text and unpacked",
                 )
-            return index, degrees
-    raise InputError("no frame of motion", where=str(path), next_step="The file is cut short: get it again")
-
-
-def read_values(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[FloatArray, bool]:
-    """Values (T, d) of all channels as in the file, in the order of the skeleton's bones; whether angles are degrees.
-
-    A frame is a line with its number, then one line for each bone, in any order. Raises InputError with file and line.
-    """
-    start, degrees = _header(lines, asf, path)
+            break
+    else:
+        raise InputError("no frame of motion", where=str(path), next_step="The file is cut short: get it again")
     dof = dict(zip(asf.tree.names, asf.dof, strict=True))
     rows: list[list[float]] = []
     row: dict[str, tuple[int, list[str]]] = {}
@@ -344,7 +332,7 @@ def _filled(lines: list[str], start: int) -> Iterator[tuple[int, list[str]]]:
 
 
 def _wrong_bone(words: list[str], dof: dict[str, tuple[str, ...]], asf: Path, where: str) -> InputError:
-    """Why a line is none of this frame."""
+    """The error for a line that does not belong to this frame."""
     name = words[0]
     if name not in dof:
         allowed, step = f"a bone of {asf.name}", suggest(name, dof)
@@ -365,12 +353,12 @@ def _assembled(
     row: dict[str, tuple[int, list[str]]], number: int, dof: dict[str, tuple[str, ...]], where: str, lines: list[str]
 ) -> list[float]:
     """All values of a frame in the order of the skeleton."""
-    wanted = [name for name, channels in dof.items() if channels]
-    lacking = [name for name in wanted if name not in row]
+    needed = [name for name, channels in dof.items() if channels]
+    lacking = [name for name in needed if name not in row]
     if not lacking:
         with suppress(InputError):
-            return numbers([word for name in wanted for word in row[name][1]], where)
-    for at, words in row.values():  # the line of a bad number says more
+            return numbers([word for name in needed for word in row[name][1]], where)
+    for at, words in row.values():  # a bad number is a better error
         try:
             numbers(words, f"{where.rpartition(':')[0]}:{at}")
         except InputError as error:

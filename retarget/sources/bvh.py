@@ -1,9 +1,11 @@
 """Biovision hierarchy files (.bvh).
 
-Rotations multiply in the order in which a joint lists its channels; orders may differ inside one file. The root's
-position channels are absolute, and position channels of any other joint replace its OFFSET too. Neither unit nor axes
-are stated: the unit is guessed from the size of the body, and the body decides which way is up. A file may hold several
-performers, each with a ROOT. Sensors and joints as in `canonical`; heading and ground stay where the file has them.
+Rotations multiply in the order of a joint's channels, which may differ inside one file. Position channels of the root
+are absolute; those of other joints replace their OFFSET. Unit and axes are not stated: the recorded body decides. A
+file may hold several performers, each with a ROOT. Heading and ground stay as in the file.
+
+Names may hold blanks, End Sites have neither name nor channels, keywords come in any case, and braces may stand behind
+a statement.
 """
 
 import re
@@ -31,14 +33,9 @@ from retarget.sources.rest_skeleton import true_offsets
 from retarget.sources.skeletons import Channel, JointTree, posed
 from retarget.types import FloatArray
 
-# The HIERARCHY section of a BVH file: joints, offsets and channels.
-#
-# Names may hold blanks, End Sites have neither name nor channels, keywords and channel names come in any case, and
-# braces may stand on a line of their own or behind a statement.
-
 MAX_JOINTS = 1000
-MAX_DEPTH = 200
-"""Skeletons with more joints, or more deeply nested ones, are refused."""
+MAX_SKELETON_DEPTH = 200
+"""Most joints of a skeleton, and most levels of nesting."""
 
 _CHANNELS: dict[str, Channel] = {
     f"{axis}{word}": (kind, "xyz".index(axis))
@@ -50,7 +47,7 @@ _CHANNELS: dict[str, Channel] = {
 
 @dataclass(eq=False)
 class _Joint:
-    """A joint, or an End Site (no name), as it is read. parent: index, -1 for the root. where: file and line."""
+    """A joint, or an End Site (no name). parent: index, -1 for a root. where: file and line."""
 
     name: str
     parent: int
@@ -60,20 +57,10 @@ class _Joint:
     ends: list[FloatArray] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class BvhHierarchy:
-    """tree: the skeleton, file axes and units. channels (n): per joint its channels in order. places (n): per joint its
-    file and line."""
-
-    tree: JointTree
-    channels: tuple[tuple[Channel, ...], ...]
-    places: tuple[str, ...]
-
-
-def read_hierarchy(lines: list[str], path: Path) -> tuple[BvhHierarchy, int]:
-    """The skeleton, and the index of the line after MOTION. Raises InputError with file and line."""
+def _read_hierarchy(lines: list[str], path: Path) -> tuple[list[_Joint], int]:
+    """The joints, parents first, and the index of the line after MOTION. Raises InputError with file and line."""
     joints: list[_Joint] = []
-    blocks: list[_Joint] = []  # that are open
+    blocks: list[_Joint] = []  # open ones
     announced: _Joint | None = None
     number, begun = 0, False
     for number, text in _parts(lines):
@@ -102,7 +89,7 @@ def read_hierarchy(lines: list[str], path: Path) -> tuple[BvhHierarchy, int]:
         elif text.upper() == "MOTION":
             if blocks or not joints:
                 raise InputError("MOTION before the skeleton is complete", where=where, next_step="Count the braces")
-            return _assembled(joints), number
+            return joints, number
         elif keyword == "END" or (keyword in ("ROOT", "JOINT") and len(words) > 1):
             announced = _announced(keyword, " ".join(words[1:]), joints, blocks, where)
         elif keyword == "OFFSET" and blocks:
@@ -120,30 +107,20 @@ def read_hierarchy(lines: list[str], path: Path) -> tuple[BvhHierarchy, int]:
 
 
 def _parts(lines: list[str]) -> Iterator[tuple[int, str]]:
-    """Braces and statements, each with the number of its line."""
+    """Braces and statements, each with its line number."""
     for number, line in enumerate(lines, start=1):
         for part in re.split(r"([{}])", line):
             if part.strip():
                 yield number, part.strip()
 
 
-def _assembled(joints: list[_Joint]) -> BvhHierarchy:
-    tree = JointTree(
-        names=tuple(joint.name for joint in joints),
-        parents=tuple(joint.parent for joint in joints),
-        offsets=np.array([joint.offset for joint in joints]),
-        ends=tuple(tuple(joint.ends) for joint in joints),
-    )
-    return BvhHierarchy(tree, tuple(joint.channels for joint in joints), tuple(joint.where for joint in joints))
-
-
 def _announced(keyword: str, name: str, joints: list[_Joint], blocks: list[_Joint], where: str) -> _Joint:
-    """The joint whose block comes next, kept in `joints`; or an End Site."""
+    """The joint whose block comes next, added to `joints`; or an End Site."""
     if (keyword == "ROOT") != (not blocks) or (blocks and not blocks[-1].name):
         allowed = "a ROOT for each performer, with JOINTs and End Sites inside"
         raise InputError(f"{keyword} at the wrong place", where=where, allowed=allowed)
-    if len(blocks) >= MAX_DEPTH or len(joints) >= MAX_JOINTS:
-        allowed = f"up to {MAX_JOINTS} joints, nested up to {MAX_DEPTH} deep"
+    if len(blocks) >= MAX_SKELETON_DEPTH or len(joints) >= MAX_JOINTS:
+        allowed = f"up to {MAX_JOINTS} joints, nested up to {MAX_SKELETON_DEPTH} deep"
         raise InputError("skeleton too large", where=where, allowed=allowed)
     parent = joints.index(blocks[-1]) if blocks else -1
     if keyword == "END":
@@ -182,30 +159,28 @@ LOST_LENGTHS = (
 
 @dataclass(frozen=True)
 class BvhMotion:
-    """What a file holds, in its own axes and units, angles in degrees.
+    """Motion of a file in its axes and units, angles in degrees. channels (n): of each joint, in the order of values
+    (T, d). notes: for the user."""
 
-    hierarchy: skeleton and channels. values (T, d): all channels of every frame. rate_hz: frames per second. notes:
-    to the user about this file.
-    """
-
-    hierarchy: BvhHierarchy
+    tree: JointTree
+    channels: tuple[tuple[Channel, ...], ...]
     values: FloatArray
     rate_hz: float
     notes: tuple[str, ...] = ()
 
 
 def read_bvh(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
-    """Read a motion; its unit is guessed where none is said. Raises InputError with file and line."""
+    """Read a motion; its unit is guessed if the user gives none. Raises InputError with file and line."""
     motion = read_motion(path, root=options.performer_root, rate=options.rate)
-    stated, channels, lost = motion.hierarchy.tree, motion.hierarchy.channels, list[str]()
-    # The conversion of the CMU database by B. Hahne is known by its joints without length.
+    stated, lost = motion.tree, list[str]()
+    # The conversion of the CMU database by B. Hahne has these joints, without lengths.
     converted = {"LHipJoint", "LowerBack", "LeftFingerBase", "Neck"} <= set(stated.names)
     if converted and not stated.offsets[stated.names.index("Neck")].any():
         lost.append(LOST_LENGTHS)
-    tree, values, notes = true_offsets(stated, channels, motion.values)
+    tree, values, notes = true_offsets(stated, motion.channels, motion.values)
     return canonical_frames(
         tree,
-        posed(tree, channels, values),
+        posed(tree, motion.channels, values),
         unit=None,
         rate=motion.rate_hz,
         source=str(path),
@@ -215,30 +190,39 @@ def read_bvh(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
 
 
 def read_motion(path: Path, *, root: str | None = None, rate: float | None = None) -> BvhMotion:
-    """Read and check a whole file. root: the name of the ROOT of which the motion is taken; it may be left out where
-    there is one. rate: Hz, instead of the file's. Raises InputError with file and line, and UsageError for a root that
-    the file does not have."""
+    """Read and check a whole file. root: name of the ROOT to read, needed if there are several. rate: Hz, instead of
+    that in the file. Raises InputError with file and line, and UsageError for an unknown root."""
     lines = read_lines(path)
-    hierarchy, motion_line = read_hierarchy(lines, path)
+    joints, motion_line = _read_hierarchy(lines, path)
     declared, place, stated, first = _read_motion_header(lines, motion_line, path)
     rate = _stated_rate(*stated) if rate is None else check_rate(rate, "--rate")
-    values = _read_values(lines[first:], sum(map(len, hierarchy.channels)), path, first)
+    starts = np.cumsum([0, *(len(joint.channels) for joint in joints)])
+    values = _read_values(lines[first:], int(starts[-1]), path, first)
     check_frame_count(len(values), str(path))
     notes = frames_held(len(values), declared, place)
-    return _of_root(BvhMotion(hierarchy, values, rate, notes), root)
+    kept = _below_root(joints, root)
+    if len(kept) < len(joints):
+        values = values[:, [column for joint in kept for column in range(starts[joint], starts[joint + 1])]]
+    own = [joints[joint] for joint in kept]
+    tree = JointTree(
+        names=tuple(joint.name for joint in own),
+        parents=tuple(kept.index(joint.parent) if joint.parent >= 0 else -1 for joint in own),
+        offsets=np.array([joint.offset for joint in own]),
+        ends=tuple(tuple(joint.ends) for joint in own),
+    )
+    return BvhMotion(tree, tuple(joint.channels for joint in own), values, rate, notes)
 
 
-def _of_root(motion: BvhMotion, root: str | None) -> BvhMotion:
-    """The joints below one ROOT of a motion, and their columns."""
-    tree, channels, places = motion.hierarchy.tree, motion.hierarchy.channels, motion.hierarchy.places
+def _below_root(joints: list[_Joint], root: str | None) -> list[int]:
+    """Indices of a ROOT and the joints below it. Raises UsageError for an unknown name, InputError if one is needed."""
     roots: dict[str, int] = {}
-    for joint in (joint for joint, parent in enumerate(tree.parents) if parent < 0):
-        name = tree.names[joint]
-        roots[name if name not in roots else f"{name} ({len(roots) + 1})"] = joint
+    for index, joint in enumerate(joints):
+        if joint.parent < 0:
+            roots[joint.name if joint.name not in roots else f"{joint.name} ({len(roots) + 1})"] = index
     if root is not None and root not in roots:
         raise UsageError(
             "no such ROOT in the file",
-            where=f"{places[0]}, --performer-root",
+            where=f"{joints[0].where}, --performer-root",
             found=repr(root)[:80],
             allowed=", ".join(roots),
             next_step=suggest(root, roots),
@@ -246,33 +230,24 @@ def _of_root(motion: BvhMotion, root: str | None) -> BvhMotion:
     if root is None and len(roots) > 1:
         raise InputError(
             f"{len(roots)} performers in the file",
-            where=places[[*roots.values()][1]],
+            where=joints[[*roots.values()][1]].where,
             found=f"ROOT {', ROOT '.join(roots)}",
             next_step=f"Say whom to follow, for example --performer-root {shlex.quote(next(iter(roots)))}",
         )
-    if len(roots) == 1:
-        return motion
-    own = [joint for joint in range(len(tree.names)) if tree.path(joint)[0] == roots[str(root)]]
-    part = JointTree(
-        names=tuple(tree.names[joint] for joint in own),
-        parents=tuple(own.index(tree.parents[joint]) if tree.parents[joint] in own else -1 for joint in own),
-        offsets=tree.offsets[own],
-        ends=tuple(tree.ends[joint] for joint in own),
-    )
-    starts = np.cumsum([0, *map(len, channels)])
-    columns = [column for joint in own for column in range(starts[joint], starts[joint + 1])]
-    hierarchy = BvhHierarchy(part, tuple(channels[joint] for joint in own), tuple(places[joint] for joint in own))
-    return BvhMotion(hierarchy, motion.values[:, columns], motion.rate_hz, motion.notes)
+    below = {roots[root or next(iter(roots))]}
+    for index, joint in enumerate(joints):  # parents come first
+        if joint.parent in below:
+            below.add(index)
+    return sorted(below)
 
 
 def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, str, tuple[str, str], int]:
-    """Number of frames and the line that declares it, frame time as text with its line, and the index of the first line
-    of data."""
+    """Number of frames and its line, frame time as text and its line, and the index of the first line of data."""
     filled = [index for index in range(start, min(start + 100, len(lines))) if lines[index].strip()][:2]
     pairs = [lines[index].partition(":") for index in filled]
     keys = [" ".join(key.lower().split()) for key, _, _ in pairs]
-    for place, wanted in enumerate(("frames", "frame time")):
-        if keys[place : place + 1] != [wanted]:
+    for place, expected in enumerate(("frames", "frame time")):
+        if keys[place : place + 1] != [expected]:
             where = f"{path}:{filled[place] + 1 if place < len(filled) else len(lines)}"
             raise InputError(
                 "incomplete MOTION section", where=where, allowed="'Frames: N', then 'Frame Time: seconds'"
@@ -286,8 +261,8 @@ def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, 
 
 
 def _stated_rate(interval: str, place: str) -> float:
-    """The rate (Hz) of a frame time. It is written with few digits (0.008333): a rate within 0.02 % of a whole number
-    is that number."""
+    """Rate, Hz, of a frame time. It is written with few digits (0.008333), so a rate within 0.02 % of a whole number is
+    rounded."""
     seconds = numbers([interval], place)[0]
     if seconds <= 0.0:
         raise InputError(
@@ -302,7 +277,7 @@ def _stated_rate(interval: str, place: str) -> float:
 
 
 def _read_values(lines: list[str], width: int, path: Path, before: int) -> FloatArray:
-    """All channel values (T, d), one frame per line. before: number of lines that precede these in the file."""
+    """All channel values (T, d), one frame per line. before: number of lines before these in the file."""
     if width == 0:
         raise InputError("a skeleton without channels", where=f"{path}:{before}", next_step="Export it with motion")
     rows: list[list[float]] = []

@@ -1,7 +1,7 @@
 """Animations of glTF 2.0 files (.glb, .gltf) and VRM animations (.vrma), y up, metres (Khronos glTF 2.0 specification).
 
-Nodes are the joints. An animated channel replaces a node's rest value; channels have keys at times of their own and are
-sampled at one rate. The rest pose is that of the nodes. A file with VRM's table of bones gives the names.
+Nodes are the joints, and the rest pose is theirs. An animated channel replaces a node's rest value; channels have their
+own key times and are sampled at one rate. VRM's table of bones gives the names.
 """
 
 import base64
@@ -22,7 +22,7 @@ from retarget import rotations
 from retarget.arithmetic import dot, matmul, norms
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
-from retarget.sources.bvh import MAX_DEPTH, MAX_JOINTS
+from retarget.sources.bvh import MAX_JOINTS, MAX_SKELETON_DEPTH
 from retarget.sources.canonical import canonical_frames
 from retarget.sources.files import (
     AS_WRITTEN,
@@ -38,8 +38,6 @@ from retarget.sources.files import (
 from retarget.sources.skeletons import JointPoses, JointTree
 from retarget.types import FloatArray
 
-# What of the document is read.
-
 Index = Annotated[int, Field(ge=0, le=2**31)]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-MAX_VALUE, le=MAX_VALUE)]
 Triple = tuple[Number, Number, Number]
@@ -47,7 +45,7 @@ Four = tuple[Number, Number, Number, Number]
 
 
 class _Part(BaseModel):
-    """A part of the document; what is not read of it is passed over."""
+    """A part of the document; unknown keys are skipped."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
@@ -137,18 +135,16 @@ class _Document(_Part):
     extensions: _Extensions = _Extensions()
 
 
-# The file: JSON, alone or in a container with the bytes of buffer 0.
-
 MAGIC = b"glTF"
 _HEADER, _CHUNK = Struct("<4sII"), Struct("<II")
 JSON_CHUNK, BIN_CHUNK = 0x4E4F534A, 0x004E4942
-"""Types of chunks of a container: "JSON" and "BIN"."""
+"""Types of chunks of a GLB container: "JSON" and "BIN"."""
 
 
 @dataclass(eq=False)
 class _File:
-    """path: of the file. document: what it says. binary: the bytes of its second chunk, empty without one. buffers and
-    values: of buffers and accessors that were read; taken: bytes of these values."""
+    """binary: bytes of the second chunk, empty without one. buffers, values: read so far. taken: bytes of these
+    values."""
 
     path: Path
     document: _Document
@@ -160,7 +156,6 @@ class _File:
     def error(
         self, what: str, part: str, *, found: object = "", allowed: object = "", next_step: str = ""
     ) -> InputError:
-        """An error of a part of the document."""
         step = next_step or "Export the file again"
         return InputError(what, where=f"{self.path}: {part}", found=found, allowed=allowed, next_step=step)
 
@@ -217,7 +212,7 @@ def _chunks(content: bytes, path: Path) -> tuple[bytes, bytes]:
 
 
 def _buffer(file: _File, index: int) -> bytes:
-    """The bytes of a buffer: of the container, in the document, or in a file beside it."""
+    """Bytes of a buffer: in the container, in the document, or in a file beside it."""
     part, data = f"buffers.{index}", file.binary
     if index >= len(file.document.buffers):
         raise file.error("no such buffer", part)
@@ -242,7 +237,7 @@ def _buffer(file: _File, index: int) -> bytes:
 
 
 def _beside(file: _File, name: str, part: str) -> Path:
-    """The path of a file of bytes, which must lie in the document's folder."""
+    """Path of a file of bytes, which must lie in the document's folder."""
     folder = file.path.parent.resolve()
     try:
         path = (folder / name).resolve()
@@ -255,15 +250,15 @@ def _beside(file: _File, name: str, part: str) -> Path:
 
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
-"""Types of numbers by their codes."""
-TYPES = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
-"""Numbers of an element."""
+"""Number types by their codes."""
+ELEMENT_NUMBERS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+"""Numbers of an element by type."""
 MAX_VALUES_BYTES = 2 * MAX_FILE_BYTES
-"""Most bytes of values: a file of the largest size holds as much in single precision. Accessors may share bytes."""
+"""Most bytes of values: the largest file holds as much in single precision, but accessors may share bytes."""
 
 
 def _values(file: _File, index: int, kind: str) -> FloatArray:
-    """Elements (count, n) of an accessor; normalised integers as floats. Each is read once."""
+    """Elements (count, n) of an accessor, normalised integers as floats; each accessor is read once."""
     document, part = file.document, f"accessors.{index}"
     if index >= len(document.accessors):
         raise file.error("no such accessor", part)
@@ -286,14 +281,14 @@ def _values(file: _File, index: int, kind: str) -> FloatArray:
         file.buffers[where.buffer] = _buffer(file, where.buffer)
     buffer = file.buffers[where.buffer]
     dtype = np.dtype(COMPONENTS[accessor.componentType])
-    size = dtype.itemsize * TYPES[kind]
+    size = dtype.itemsize * ELEMENT_NUMBERS[kind]
     stride = where.byteStride or size
     start, end = where.byteOffset + accessor.byteOffset, min(where.byteOffset + where.byteLength, len(buffer))
     if accessor.count < 1 or start + stride * (accessor.count - 1) + size > end:
         raise file.error(
             "an accessor beyond its bytes", part, found=f"{accessor.count} elements", next_step="Get the file again"
         )
-    shape, strides = (accessor.count, TYPES[kind]), (stride, dtype.itemsize)
+    shape, strides = (accessor.count, ELEMENT_NUMBERS[kind]), (stride, dtype.itemsize)
     file.taken += 8 * prod(shape)
     if file.taken > MAX_VALUES_BYTES:
         allowed, step = f"up to {MAX_VALUES_BYTES} bytes of them", "Cut it into parts"
@@ -307,27 +302,25 @@ def _values(file: _File, index: int, kind: str) -> FloatArray:
     return file.values.setdefault(index, values)
 
 
-# Channels, and their values at common times.
-
 WXYZ = [3, 0, 1, 2]
 """Columns of a quaternion xyzw in the order wxyz."""
 PATHS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3"}
-"""Properties of a node that are animated, and the type of their values; morph weights are passed over."""
+"""Animated properties of a node that are read, and the types of their values."""
 LEAST_RATE_HZ = 30.0
-"""Least rate, Hz, at which keys are sampled: between keys of an animator the motion goes on."""
+"""Least rate, Hz, at which keys are sampled: sparse keys are interpolated."""
 SAME_RATE = 2e-4
-"""A rate within this share of a whole number is that number: keys are in single precision."""
+"""Share of a rate within which it is rounded to a whole number: keys are in single precision."""
 KEY_ROUNDING = 1e-6
-"""Share of its time by which a key may be late, s beyond 1 s: keys are in single precision."""
+"""Share of its time (s, at least 1) by which a key may be late: keys are in single precision."""
 NEAR_ZERO = 1e-6
-"""Length of a quaternion between keys of a spline below which it is no rotation, but rounding."""
+"""Length of an interpolated quaternion below which it is rounding error, no rotation."""
 MAX_POSES = 5_000_000
-"""Most poses of joints in all frames: as many as a BVH of the largest size holds."""
+"""Most joint poses in all frames: as many as a BVH of the largest size holds."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Track:
-    """Keys of a property of a node: times (k,) s, rising; values (k, n) as in the file, of a cubic spline (k, 3, n):
+    """Keys of a property of a node: rising times (k,) s, and values (k, n) as in the file; of a cubic spline (k, 3, n):
     in-tangent, value, out-tangent."""
 
     times: FloatArray
@@ -336,8 +329,8 @@ class _Track:
     interpolation: str
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Values (T, n) at times (T,) s, rotations wxyz; the first and the last key hold beyond them. NaN where a
-        spline between rotations passes through zero."""
+        """Values (T, n) at times (T,) s, rotations wxyz; the first and last key hold beyond them. NaN where a spline of
+        rotations passes through zero."""
         spline = self.interpolation == "CUBICSPLINE"
         later = times + KEY_ROUNDING * np.maximum(np.abs(times), 1.0)
         before = np.clip(np.searchsorted(self.times, later, side="right") - 1, 0, len(self.times) - 1)
@@ -394,7 +387,7 @@ def _tracks(file: _File, animation: _Animation, number: int) -> dict[tuple[int, 
 
 
 def _clock(file: _File, tracks: Collection[_Track], joints: int, rate: float | None) -> tuple[FloatArray, float]:
-    """Times (T,) s at which the keys are sampled, and their rate: the densest of the channels, 30 Hz at least."""
+    """Times (T,) s at which keys are sampled, and their rate: that of the densest channel, at least 30 Hz."""
     start, end = min(float(one.times[0]) for one in tracks), max(float(one.times[-1]) for one in tracks)
     if rate is None:
         dense = [(len(one.times) - 1) / float(one.times[-1] - one.times[0]) for one in tracks if len(one.times) > 1]
@@ -411,15 +404,13 @@ def _clock(file: _File, tracks: Collection[_Track], joints: int, rate: float | N
     return start + np.arange(frames) / rate, rate
 
 
-# The nodes as a tree of joints.
-
 EVEN = 0.01
-"""Share by which the scale of a joint may differ between its axes: then its bones would not keep their lengths."""
+"""Share by which the scale of a joint may differ between axes: beyond, its bones would change their lengths."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Joints:
-    """Nodes (n) that are joints, parents first. names, parents (n): parents as indices, -1 of the root."""
+    """Nodes (n) that are joints, parents first. parents (n): indices, -1 for the root."""
 
     nodes: list[int]
     names: tuple[str, ...]
@@ -427,7 +418,7 @@ class _Joints:
 
 
 def _joints(file: _File, animated: set[int]) -> _Joints:
-    """The tree with the most animated nodes: these, and what is above and below them. Raises InputError."""
+    """The tree with the most animated nodes, with the nodes above and below them. Raises InputError."""
     nodes, above = file.document.nodes, dict[int, int]()
     for index, node in enumerate(nodes):
         for child in node.children:
@@ -439,16 +430,16 @@ def _joints(file: _File, animated: set[int]) -> _Joints:
         path = [index]
         while path[-1] in above:
             path.append(above[path[-1]])
-            if len(path) > MAX_DEPTH:
+            if len(path) > MAX_SKELETON_DEPTH:
                 raise file.error(
-                    "nodes too deeply nested, or in a circle", f"nodes.{index}", allowed=f"{MAX_DEPTH} deep"
+                    "nodes too deeply nested, or in a circle", f"nodes.{index}", allowed=f"{MAX_SKELETON_DEPTH} deep"
                 )
         paths[index] = path
     roots = [path[-1] for path in paths.values()]
     root = max(dict.fromkeys(roots), key=roots.count)
     kept = {step for path in paths.values() if path[-1] == root for step in path}
     order, parents, below = [root], [-1], [root in animated]
-    for at, index in enumerate(order):  # grows while it is walked
+    for at, index in enumerate(order):  # grows in the loop
         for child in nodes[index].children:
             if child in kept or below[at]:
                 order.append(child)
@@ -484,8 +475,8 @@ def _rest(file: _File, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
 def _moved(
     file: _File, joints: _Joints, own: Mapping[tuple[int, str], _Track], times: FloatArray
 ) -> tuple[JointPoses, tuple[str, ...]]:
-    """Poses of all joints at times (T,), in the axes and units of the file; a single frame at rest where there are no
-    tracks. Also notes."""
+    """Poses of all joints at times (T,), in file axes and units, and notes. `own`: the tracks, none for the rest
+    pose."""
     shape, notes = (len(joints.nodes), len(times)), list[str]()
     position, orientation, scales = np.empty((*shape, 3)), np.empty((*shape, 4)), np.ones((shape[0], 3))
     for at, (node, parent) in enumerate(zip(joints.nodes, joints.parents, strict=True)):
@@ -519,8 +510,7 @@ def _moved(
 
 
 def read_gltf(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
-    """Read the first animation of a file. Its keys are sampled at the rate of the options. Raises InputError with the
-    part of the document that is wrong."""
+    """Read the first animation, sampled at the user's rate. Raises InputError with the part of the document."""
     file = _opened(path)
     animations = file.document.animations
     tracks = [_tracks(file, one, number) for number, one in enumerate(animations[:1])]
@@ -534,7 +524,7 @@ def read_gltf(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
     times, rate = _clock(file, tracks[0].values(), len(joints.nodes), options.rate)
     rest, _ = _moved(file, joints, {}, np.zeros(1))
     pose, moved_notes = _moved(file, joints, tracks[0], times)
-    # Frames are unturned at rest, so that the zero pose is the rest pose.
+    # Frames relative to rest: the zero pose is the rest pose.
     offsets = [rest.position[0, at] - rest.position[0, max(parent, 0)] for at, parent in enumerate(joints.parents)]
     ends = tuple(() if at in joints.parents else (np.zeros(3),) for at in range(len(joints.nodes)))
     tree = JointTree(joints.names, joints.parents, np.array(offsets), ends)

@@ -1,14 +1,13 @@
 """Xsens MVN recordings (.mvnx): XML with the pose of each of 23 segments in every frame, z up, x forward, metres.
 
-A segment's frame is unturned in MVN's T-pose, so that pose is the zero pose of the tree; lengths are those of the
-frames. Props and fingers are passed over.
+Frames of segments are unturned in MVN's T-pose, so that is the zero pose of the tree; lengths are those of the frames.
+Props and fingers are skipped.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
-from types import MappingProxyType
 from xml.etree.ElementTree import Element, ParseError, iterparse
 
 import numpy as np
@@ -23,41 +22,26 @@ from retarget.sources.files import (
     ReadOptions,
     check_frame_count,
     check_rate,
+    no_frame_rate,
     numbers,
     read_bytes,
 )
 from retarget.sources.skeletons import TABLES, JointPoses, tree_of_poses
+from retarget.sources.streams.mvn import MAX_SEGMENTS, SEGMENTS
 from retarget.types import FloatArray
 
-SEGMENTS: tuple[str, ...] = tuple(TABLES["mvn_segments"])
-"""Body segments in the order of MVN."""
-MAX_SEGMENTS = 255
-"""Segments of a subject, props and fingers included: MVN counts them in a byte."""
-MAX_DEPTH = 50
-"""Elements inside each other: MVNX has 7."""
+MVN_PARENTS: Mapping[str, str] = TABLES["mvn_tree"]
+"""Segment -> its parent, "" for none."""
+MAX_XML_DEPTH = 50
+"""Most nested elements: MVNX has 7."""
 TOP_OF_HEAD = "pTopOfHead"
-"""The point of the head segment where the head ends."""
-
-
-def _parents() -> Mapping[str, str]:
-    """Segment -> the one that it hangs on, "" for none."""
-    tree = dict(TABLES["mvn_tree"])
-    words = tree.pop("sides")
-    plain = {name: parent for name, parent in tree.items() if "{s}" not in name}
-    for word in words:
-        plain |= {
-            name.replace("{s}", word): above.replace("{s}", word) for name, above in tree.items() if "{s}" in name
-        }
-    return MappingProxyType(plain)
-
-
-PARENTS = _parents()
+"""Point of the head segment at the end of the head."""
 
 
 @dataclass(eq=False)
 class _Subject:
-    """A subject as it is read. labels (n): of all segments. rows: positions (3 n,) and quaternions (4 n,) of each
-    frame. top (3,): of the head, in its segment's frame; zero if the file has none."""
+    """A subject. labels (n): of all segments. rows: positions (3 n,) and quaternions (4 n,) of each frame. top (3,): of
+    the head, in its segment's frame; zero if missing. others: number of further subjects."""
 
     rate: str = ""
     labels: list[str] = field(default_factory=list)
@@ -73,20 +57,23 @@ def read_mvnx(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
     labels = subject.labels or list(SEGMENTS)
     position = np.array([row[0] for row in subject.rows]).reshape(len(subject.rows), -1, 3)
     turns = np.array([row[1] for row in subject.rows]).reshape(len(subject.rows), -1, 4)
-    names = tuple(name for name in PARENTS if name in labels)
+    names = tuple(name for name in MVN_PARENTS if name in labels)
     columns = [labels.index(name) for name in names]
-    if missing := [name for name in names if PARENTS[name] and PARENTS[name] not in names] or ["Pelvis"] * (not names):
+    if missing := [name for name in names if MVN_PARENTS[name] and MVN_PARENTS[name] not in names] or ["Pelvis"] * (
+        not names
+    ):
         found = ", ".join(filter(None, labels))[:200]
         raise InputError("no whole body of MVN", where=str(path), found=found, allowed=f"all above {missing[0]}")
     pose = JointPoses(position[:, columns], rotations.normalise(turns[:, columns]))
     if not np.isfinite(pose.orientation).all():
         raise InputError("no quaternion", where=str(path), found="four zeros", next_step="Export the recording again")
-    tree = tree_of_poses(names, tuple(names.index(PARENTS[name]) if PARENTS[name] else -1 for name in names), pose)
+    tree = tree_of_poses(
+        names, tuple(names.index(MVN_PARENTS[name]) if MVN_PARENTS[name] else -1 for name in names), pose
+    )
     tree = replace(tree, ends=tuple((subject.top,) if name == "Head" else () for name in names))
     if (rate := options.rate) is None:
         if not subject.rate:
-            step = "Say the frames per second with --rate"
-            raise InputError("no frame rate in the file", where=str(path), allowed="frameRate", next_step=step)
+            raise no_frame_rate(str(path), allowed="frameRate")
         rate = check_rate(numbers([subject.rate], f"{path}: frameRate")[0], f"{path}: frameRate")
     else:
         rate = check_rate(rate, "--rate")
@@ -106,7 +93,7 @@ def _parsed(path: Path) -> _Subject:
     """The first subject of a file. Raises InputError."""
     content = read_bytes(path)
     step = "Get the file again, or export it as MVNX from MVN"
-    if b"\0" in content:  # as UTF-16 has it, in which the next check would see nothing
+    if b"\0" in content:  # UTF-16, which would pass the next check
         raise InputError("not UTF-8", where=str(path), found="a NUL byte", allowed="XML in UTF-8", next_step=step)
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise InputError(
@@ -117,9 +104,9 @@ def _parsed(path: Path) -> _Subject:
         for event, element in iterparse(BytesIO(content), events=("start", "end")):
             tag = element.tag.rpartition("}")[2]
             depth += 1 if event == "start" else -1
-            if depth > MAX_DEPTH:
+            if depth > MAX_XML_DEPTH:
                 raise InputError(
-                    "elements too deeply nested", where=str(path), allowed=f"{MAX_DEPTH} deep", next_step=step
+                    "elements too deeply nested", where=str(path), allowed=f"{MAX_XML_DEPTH} deep", next_step=step
                 )
             if event == "start":
                 is_mvnx |= tag == "mvnx"
@@ -135,7 +122,7 @@ def _parsed(path: Path) -> _Subject:
         raise InputError(
             "damaged XML", where=f"{path}:{error.position[0]}", found=str(error)[:100], next_step=step
         ) from None
-    except (ValueError, LookupError) as error:  # an encoding that is none
+    except (ValueError, LookupError) as error:  # unknown encoding
         raise InputError("damaged XML", where=str(path), found=str(error)[:100], next_step=step) from None
     if not is_mvnx or not subjects:
         raise InputError("not an MVNX file", where=str(path), allowed="<mvnx> with a <subject>", next_step=step)
@@ -179,7 +166,7 @@ def _take(subject: _Subject, tag: str, element: Element, path: Path) -> None:
 
 
 def _numbers(element: Element, count: int, where: str) -> FloatArray:
-    """So many numbers (count,) of an element. Raises InputError."""
+    """Numbers (count,) of an element. Raises InputError."""
     words = (element.text or "").split()
     if len(words) != count:
         tag = element.tag.rpartition("}")[2]

@@ -1,7 +1,6 @@
-"""Motion as arrays (.npz): the SMPL family (`amass`), mere joint positions (as holosoma takes them), Kimodo's output.
+"""Motion as arrays (.npz): the SMPL family (`amass`), joint positions (as holosoma takes them), and Kimodo's output.
 
-The layout is known by the names of the arrays. No pickle is read: an array of Python objects is refused where it is
-needed, and passed over where it is not.
+The names of the arrays give the layout. Pickled arrays are refused if they are needed, and skipped otherwise.
 """
 
 from collections.abc import Collection
@@ -19,7 +18,15 @@ from retarget.schema.arrays import ArrayFile, open_arrays
 from retarget.sources.amass import KEYS, MARKERS, is_smpl, smpl_frames
 from retarget.sources.axes import UP_AXES
 from retarget.sources.canonical import canonical_frames, joint_frames, named_unit
-from retarget.sources.files import AS_WRITTEN, MAX_VALUE, ReadOptions, check_frame_count, check_rate, read_head
+from retarget.sources.files import (
+    AS_WRITTEN,
+    MAX_VALUE,
+    ReadOptions,
+    check_frame_count,
+    check_rate,
+    no_frame_rate,
+    read_head,
+)
 from retarget.sources.rest_skeleton import HEAD_RISE
 from retarget.sources.skeletons import (
     SMPL_NAMES,
@@ -34,26 +41,28 @@ from retarget.sources.skeletons import (
 from retarget.types import FloatArray
 
 MAX_ARRAY_BYTES = 256 * 2**20
-"""Largest content, bytes, of the arrays that are read: 200,000 frames of SMPL-H in doubles are 250 MB."""
+"""Most bytes of the arrays that are read: 200,000 frames of SMPL-H in doubles are 250 MB."""
 ADVICE = "See the layouts in docs/motion-files.md"
 JOINTS_KEY = "global_joint_positions"
 JOINT_KEYS = frozenset((JOINTS_KEY, "height", "fps", "joint_names"))
 KIMODO_KEYS = frozenset(("posed_joints", "global_rot_mats"))
-"""Arrays that are read of these layouts."""
+"""Arrays that are read."""
 LAYOUTS = (
     "poses, trans and mocap_framerate (AMASS); root_orient, pose_body and trans (AMASS stageii); global_orient, "
     "body_pose and transl (SMPL); global_joint_positions (joints); posed_joints and global_rot_mats (Kimodo)"
 )
 KIMODO_RATE_HZ = 30.0
-"""Rate, Hz, of Kimodo's motions, which do not say it."""
+"""Rate, Hz, of Kimodo's motions, which do not state it."""
 SMPL_COUNTS = (22, 24, 52, 55)
-"""Joints of bodies of the SMPL family: without hands, SMPL, SMPL-H and SMPL-X."""
-TRUNK, UNLIKE = ("spine", "chest", "torso"), 1.5
-"""In names of joints between pelvis and neck; and a limb that is so many times as long as the other is no limb."""
+"""Joints of SMPL bodies: without hands, SMPL, SMPL-H and SMPL-X."""
+TRUNK_WORDS = ("spine", "chest", "torso")
+"""Words in names of joints between pelvis and neck."""
+UNLIKE = 1.5
+"""Largest ratio of the lengths of a bone, between sides and over time."""
 G1_COUNT = 34
 """Joints of Kimodo's skeleton of Unitree's G1, a robot."""
 TURNED = 0.01
-"""Most that rows of a rotation matrix may miss unit length: single precision misses 1e-6."""
+"""Largest error of the length of a row of a rotation matrix: single precision has 1e-6."""
 
 
 def read_npz(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
@@ -61,21 +70,21 @@ def read_npz(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
     read_head(path)
     file = open_arrays(
         path,
-        lambda names: _wanted(names, path),
+        lambda names: _keys_to_read(names, path),
         max_bytes=MAX_ARRAY_BYTES,
         advice=ADVICE,
         optional=(*MARKERS, "joint_names"),
     )
     if is_smpl(file.arrays):
         return smpl_frames(file, options)
-    return (_read_joints if "global_joint_positions" in file else _read_kimodo)(file, options)
+    return (_read_joints if JOINTS_KEY in file else _read_kimodo)(file, options)
 
 
-def _wanted(names: Collection[str], path: Path) -> Collection[str]:
+def _keys_to_read(names: Collection[str], path: Path) -> Collection[str]:
     """The arrays that are read of a layout. Raises InputError for arrays of none."""
     if is_smpl(names):
         return KEYS
-    if "global_joint_positions" in names:
+    if JOINTS_KEY in names:
         return JOINT_KEYS
     if set(names) >= KIMODO_KEYS:
         return KIMODO_KEYS
@@ -99,7 +108,7 @@ def _positions(file: ArrayFile, key: str, *, lost: bool = False) -> FloatArray:
 
 
 def _read_joints(file: ArrayFile, options: ReadOptions) -> SensorFrames:
-    """Joints by their names, else in SMPL's order, z up, NaN where lost. The file may hold the performer's height and
+    """Joints by their names, else in SMPL's order, z up, NaN where lost; the file may hold the performer's height and
     its rate."""
     position = _positions(file, JOINTS_KEY, lost=True)
     tracks = _tracks(file, position)
@@ -107,9 +116,7 @@ def _read_joints(file: ArrayFile, options: ReadOptions) -> SensorFrames:
     if rate is None and "fps" in file:
         rate = float(file.floats("fps", *(None for _ in file.arrays["fps"].shape)).reshape(-1)[:1].sum())
     if rate is None:
-        raise InputError(
-            "no frame rate in the file", where=file.source, next_step="Say the frames per second with --rate"
-        )
+        raise no_frame_rate(file.source)
     height = _height(file) if options.stature is None else options.stature
     if never := [name for name, track in tracks.items() if not np.isfinite(track).all(axis=1).any()]:
         raise InputError(
@@ -119,8 +126,10 @@ def _read_joints(file: ArrayFile, options: ReadOptions) -> SensorFrames:
             allowed="NaN in some of the frames",
             next_step="Export them too",
         )
-    # The head joint is below the skull: its middle is on, along the neck.
-    tracks["head"] = _beyond(tracks["neck"], tracks["head"], HEAD_RISE * (height or _stature(tracks)))
+    # The head joint is below the skull: its centre is farther along the neck.
+    line = tracks["head"] - tracks["neck"]
+    rise = HEAD_RISE * (height or _stature(tracks))
+    tracks["head"] = tracks["head"] + rise * line / np.maximum(norms(line), 1e-9)[:, None]
     return joint_frames(
         tracks,
         declared=UP_AXES["z"],
@@ -135,7 +144,7 @@ def _read_joints(file: ArrayFile, options: ReadOptions) -> SensorFrames:
 
 def _tracks(file: ArrayFile, position: FloatArray) -> dict[str, FloatArray]:
     """Canonical joints (T, 3) of positions (T, J, 3), by the names in the file, else in SMPL's order. Raises InputError
-    for joints of no known names or number, and for those that cannot be in that order."""
+    for unknown names or numbers of joints, and for joints in another order."""
     count = position.shape[1]
     if "joint_names" in file:
         names = tuple(file.texts("joint_names", count).tolist())
@@ -161,7 +170,7 @@ def _tracks(file: ArrayFile, position: FloatArray) -> dict[str, FloatArray]:
         )
     tracks = {name: position[:, at] for name, at in found.items() if name in JOINTS}
     pelvis = tracks.setdefault("pelvis", 0.5 * (tracks["l_hip"] + tracks["r_hip"]))
-    trunk = [position[:, at] for at, name in enumerate(names) if any(word in name.lower() for word in TRUNK)]
+    trunk = [position[:, at] for at, name in enumerate(names) if any(word in name.lower() for word in TRUNK_WORDS)]
     if trunk:
         trunk.sort(key=lambda track: np.median([0.0, *(far := norms(track - pelvis))[np.isfinite(far)]]))
         tracks |= {"spine": trunk[0], "chest": trunk[-1]}
@@ -171,8 +180,7 @@ def _tracks(file: ArrayFile, position: FloatArray) -> dict[str, FloatArray]:
 
 
 def _refuse_order(file: ArrayFile, tracks: dict[str, FloatArray]) -> None:
-    """Raise InputError where limbs are of such different lengths, of two sides or over time, that the joints are
-    others."""
+    """Raise InputError if bones differ so much between sides or over time that the joints are others."""
     unlike = []
     for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")):
         lengths = [norms(tracks[f"{side}_{b}"] - tracks[f"{side}_{a}"]) for side in "lr"]
@@ -191,7 +199,7 @@ def _refuse_order(file: ArrayFile, tracks: dict[str, FloatArray]) -> None:
 
 
 def _height(file: ArrayFile) -> float | None:
-    """The performer's height, m, by the file; None without one."""
+    """The performer's height, m, in the file; None without one."""
     if "height" not in file:
         return None
     values = file.floats("height", *(None for _ in file.arrays["height"].shape)).reshape(-1)
@@ -206,16 +214,10 @@ def _height(file: ArrayFile) -> float | None:
 
 def _stature(tracks: dict[str, FloatArray]) -> float:
     """Stature in the file's unit, along the median bones from ankle to head joint."""
-    way = ("pelvis", *(name for name in ("spine", "chest") if name in tracks), "neck", "head")
-    bones = (("l_ankle", "l_knee"), ("l_knee", "l_hip"), *pairwise(way))
+    chain = ("pelvis", *(name for name in ("spine", "chest") if name in tracks), "neck", "head")
+    bones = (("l_ankle", "l_knee"), ("l_knee", "l_hip"), *pairwise(chain))
     lengths = [np.nanmedian(norms(tracks[b] - tracks[a])) for a, b in bones]
     return float(np.sum(lengths)) / (HEAD_CENTRE - ANKLE - HEAD_RISE)
-
-
-def _beyond(start: FloatArray, end: FloatArray, length: float) -> FloatArray:
-    """Points (T, 3) beyond the ends of lines by a length."""
-    line = end - start
-    return np.asarray(end + length * line / np.maximum(norms(line), 1e-9)[:, None])
 
 
 def _read_kimodo(file: ArrayFile, options: ReadOptions) -> SensorFrames:
@@ -246,7 +248,7 @@ def _read_kimodo(file: ArrayFile, options: ReadOptions) -> SensorFrames:
 
 
 def _kimodo_skeleton(count: int, file: ArrayFile) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Names and parents of a skeleton of so many joints."""
+    """Names and parents of a skeleton with this number of joints."""
     soma, parents = layout(TABLES["layouts"]["soma"])
     if count == len(soma):
         return soma, parents

@@ -1,6 +1,6 @@
-"""Marker recordings as tables (.trc, OpenSim and Motion Analysis): tab separated, five lines of a header, y mostly up.
+"""Marker tables (.trc, OpenSim and Motion Analysis): tab separated, five header lines, usually y up.
 
-An empty cell, a cell of NaN, and a marker at the exact origin are lost. The sensors are those of `markers`.
+A marker is lost if its cells are empty or NaN, or it lies at the exact origin.
 """
 
 from collections.abc import Sequence
@@ -17,6 +17,7 @@ from retarget.sources.files import (
     check_frame_count,
     cut_short,
     frames_held,
+    no_frame_rate,
     numbers,
     read_lines,
 )
@@ -24,16 +25,16 @@ from retarget.sources.markers import MAX_POINTS, MarkerRecording, marker_frames
 from retarget.types import BoolArray, FloatArray
 
 HEADER_LINES = 5
-"""Lines before the data: the file, names and values of what holds for all, names of markers, names of columns."""
+"""Lines before the data: the file, names and values of its properties, names of markers, names of columns."""
 MAX_POSITIONS = 5_000_000
-"""Most positions of markers in all frames: more than a file of the largest size holds at 8 characters a number."""
+"""Most marker positions in all frames: more than the largest file holds at 8 characters a number."""
 LOST = ("", "nan")
 """Cells, in lower case, of a marker that was not seen."""
 
 
 def read_trc(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
-    """Read the sensors that the markers of a file allow. Raises InputError with file and line, ConfigError for the
-    table of markers."""
+    """Read the sensors that the markers allow. Raises InputError with file and line, ConfigError for the marker
+    table."""
     lines = read_lines(path)
     about = _about(lines, path)
     labels = _labels(lines, path)
@@ -45,20 +46,30 @@ def read_trc(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
                 "wrong number of frames", where=f"{path}:3", found=repr(declared[:40]), allowed="a whole number"
             )
         notes = frames_held(len(position), int(declared), f"{path}:3")
+    if (rate := options.rate) is None:
+        if "datarate" not in about:
+            raise no_frame_rate(f"{path}:2", allowed="DataRate")
+        rate = numbers([about["datarate"]], f"{path}:3")[0]
+
+    def points(columns: list[int]) -> tuple[FloatArray, BoolArray, tuple[str, ...]]:
+        chosen = position[:, columns]
+        seen = np.isfinite(chosen).all(axis=-1) & (chosen != 0.0).any(axis=-1)
+        return np.where(seen[..., None], chosen, np.nan), seen, ()
+
     recording = MarkerRecording(
         labels=labels,
-        points=lambda columns: _points(position, columns),
-        rate_hz=_rate(about, path) if options.rate is None else options.rate,
+        points=points,
+        rate_hz=rate,
         units=tuple(filter(None, (about.get("units", ""),))),
         up=None,
-        usual_up=UP_AXES["y"],
+        default_up=UP_AXES["y"],
         notes=notes,
     )
     return marker_frames(recording, path, options)
 
 
 def _about(lines: Sequence[str], path: Path) -> dict[str, str]:
-    """What holds for the whole recording, by its names in lower case."""
+    """Properties of the recording by their names in lower case."""
     if not lines[0].startswith("PathFileType") or len(lines) <= HEADER_LINES:
         raise InputError(
             "not a TRC file",
@@ -71,16 +82,8 @@ def _about(lines: Sequence[str], path: Path) -> dict[str, str]:
     return {name.strip().lower(): value.strip() for name, value in zip(names, values, strict=False)}
 
 
-def _rate(about: dict[str, str], path: Path) -> float:
-    """Frames per second by the file."""
-    if "datarate" not in about:
-        step = "Say the frames per second with --rate"
-        raise InputError("no frame rate in the file", where=f"{path}:2", allowed="DataRate", next_step=step)
-    return numbers([about["datarate"]], f"{path}:3")[0]
-
-
 def _labels(lines: Sequence[str], path: Path) -> tuple[str, ...]:
-    """Names of the markers: each stands over three columns, behind Frame# and Time."""
+    """Names of the markers: each stands over three columns, after Frame# and Time."""
     cells = [cell.strip() for cell in lines[3].split("\t")]
     named = [cell for cell in cells[2:] if cell]
     if cells[:1] != ["Frame#"] or not named:
@@ -93,7 +96,7 @@ def _labels(lines: Sequence[str], path: Path) -> tuple[str, ...]:
 
 
 def _positions(lines: Sequence[str], count: int, path: Path) -> FloatArray:
-    """Positions (T, count, 3), NaN where lost. Room is made for them once it is known to be little enough."""
+    """Positions (T, count, 3), NaN where lost; the memory is bounded before it is taken."""
     rows = [index for index in range(HEADER_LINES, len(lines)) if lines[index].strip()]
     check_frame_count(len(rows), str(path))
     if len(rows) * count > MAX_POSITIONS:
@@ -129,10 +132,3 @@ def _positions(lines: Sequence[str], count: int, path: Path) -> FloatArray:
         except InputError as error:
             raise cut_short(error, lines[index + 1 :]) from None
     return position.reshape(len(rows), count, 3)
-
-
-def _points(position: FloatArray, columns: list[int]) -> tuple[FloatArray, BoolArray, tuple[str, ...]]:
-    """Positions (T, m, 3) of these markers, where they were seen (T, m), and no notes."""
-    chosen = position[:, columns]
-    seen = np.isfinite(chosen).all(axis=-1) & (chosen != 0.0).any(axis=-1)
-    return np.where(seen[..., None], chosen, np.nan), seen, ()

@@ -192,7 +192,7 @@ def test_02_06_agrees_with_its_bvh_but_for_the_lost_thorax(shared: Path) -> None
     values, degrees = read_values(read_lines(amc), asf, amc)
     truth, names = pose_of(asf, values, degrees=degrees).position, asf.tree.names
     motion = read_motion(shared / "mocap/cmu_bvh_hahne/02_06.bvh")
-    tree, channels = motion.hierarchy.tree, motion.hierarchy.channels
+    tree, channels = motion.tree, motion.channels
     other, others = posed(tree, channels, motion.values).position[1:], tree.names
 
     def apart(bone: str, joint: str) -> FloatArray:

@@ -17,7 +17,7 @@ from retarget.model.human import PostureReader
 from retarget.recording.exports.bvh_writer import write_bvh
 from retarget.recording.motion import Motion, links_of
 from retarget.rotations import to_matrix
-from retarget.sources.bvh import MAX_DEPTH, MAX_JOINTS, read_bvh, read_motion
+from retarget.sources.bvh import MAX_JOINTS, MAX_SKELETON_DEPTH, read_bvh, read_motion
 from retarget.sources.files import ReadOptions
 from retarget.sources.skeletons import posed
 from retarget.types import FloatArray
@@ -224,9 +224,9 @@ def test_every_recording_is_a_human_with_constant_bones(shared: Path) -> None:
 
 def test_absurd_skeletons_are_refused_without_recursion(tmp_path: Path) -> None:
     deep = "HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\n" + "".join(
-        f"JOINT j{i}\n{{\nOFFSET 0 1 0\n" for i in range(5 * MAX_DEPTH)
+        f"JOINT j{i}\n{{\nOFFSET 0 1 0\n" for i in range(5 * MAX_SKELETON_DEPTH)
     )
-    with refuses(InputError, MAX_DEPTH):
+    with refuses(InputError, MAX_SKELETON_DEPTH):
         read_bvh(write(tmp_path, deep))
     wide = "".join(f"JOINT j{i}\n{{\nOFFSET 0 1 0\n}}\n" for i in range(MAX_JOINTS + 1))
     with refuses(InputError, MAX_JOINTS):
@@ -259,9 +259,9 @@ def written(motion: Motion, folder: Path) -> Path:
 def read_back(path: Path) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
     """Names, world positions (T, b, 3) m and rotation matrices (T, b, 3, 3) by our own reader."""
     motion = read_motion(path)
-    pose = posed(motion.hierarchy.tree, motion.hierarchy.channels, motion.values)
+    pose = posed(motion.tree, motion.channels, motion.values)
     turn = TO_WORLD @ to_matrix(pose.orientation) @ TO_WORLD.T
-    return motion.hierarchy.tree.names, pose.position @ TO_WORLD.T / 100.0, turn
+    return motion.tree.names, pose.position @ TO_WORLD.T / 100.0, turn
 
 
 @pytest.mark.parametrize("body", [op3(), slider()], ids=["op3", "slider"])

@@ -54,7 +54,7 @@ LIMBS = [f"{side}_{part}" for side in "lr" for part in ("hip", "knee", "ankle", 
 def figure(tmp_path: Path, *, z_up: bool = False) -> JointTree:
     path = tmp_path / "a.bvh"
     path.write_text(bvh_text(z_up=z_up))
-    return read_motion(path).hierarchy.tree
+    return read_motion(path).tree
 
 
 def turned(tree: JointTree, matrix: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> JointTree:
@@ -85,7 +85,7 @@ def test_shape_finds_the_limbs_however_the_figure_stands(language: str, z_up: bo
 
 
 def test_recordings_are_recognised_without_their_names(shared: Path) -> None:
-    trees = [read_motion(path).hierarchy.tree for path in sorted((shared / "mocap").rglob("*.bvh"))]
+    trees = [read_motion(path).tree for path in sorted((shared / "mocap").rglob("*.bvh"))]
     trees += [read_asf(path).tree for path in sorted((shared / "mocap").rglob("*.asf"))]
     right = 0
     for tree in trees:
