@@ -14,16 +14,12 @@ from typing import Any, Literal, TypeVar
 
 from retarget.errors import UsageError, suggest
 
-# The network interfaces of this machine, and which of them leads to a computer.
-
-SIOCGIFADDR = 0x8915
-"""Request for the IPv4 address of an interface (netdevice(7))."""
-MOST = 256
-"""Interfaces that are looked at: no computer has more that a tracker could be behind."""
+SIOCGIFADDR = 0x8915  # request for the IPv4 address of an interface (netdevice(7))
+MOST = 256  # interfaces that are looked at
 
 
 def local_interfaces() -> dict[str, str]:
-    """IPv4 address of every interface that has one, by its name; without those of more than the first address."""
+    """First IPv4 address of every interface that has one, by its name."""
     found = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         for _, name in socket.if_nameindex()[:MOST]:
@@ -34,12 +30,12 @@ def local_interfaces() -> dict[str, str]:
 
 
 def listed_interfaces() -> str:
-    """The addresses that interfaces of this machine have, in words."""
+    """The interfaces' addresses in words."""
     return ", ".join(f"{address} ({name})" for name, address in local_interfaces().items()) or "none has an address"
 
 
 def interface_towards(host: str) -> str | None:
-    """This machine's IPv4 address on the route to `host`, None where there is no route. Sends nothing."""
+    """This machine's IPv4 address on the route to `host`, None without a route. Sends nothing."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((host, 9))
@@ -49,24 +45,17 @@ def interface_towards(host: str) -> str | None:
         return address
 
 
-# The options of a stream's address, `?allow=...&speed=...`: each known, given once, and read strictly.
-
 Value = TypeVar("Value")
 UpAxis = Literal["y", "z"]
 Bones = Literal["global", "local"]
 ANY_ADDRESS = IPv4Network("0.0.0.0/0")
-MOST_ALLOWED = 64
-"""Entries of an allow-list."""
-MAX_SPEED = 100.0
-"""Of a replay, times the recorded speed. Below 1, frames lag ever more behind their own time stamps, and none
-counts as fresh."""
-RECORDED = ("vmc", "vrchat", "natnet", "mvn", "json", "web")
-"""Kinds of stream that a recording may hold."""
+MOST_ALLOWED = 64  # entries of an allow-list
+MAX_SPEED = 100.0  # times the recorded speed
+RECORDED = ("vmc", "vrchat", "natnet", "mvn", "json", "web")  # kinds of stream that a recording may hold
 
 
 def read_options(text: str, query: str, known: tuple[str, ...]) -> dict[str, Any]:
-    """Read `NAME=VALUE&NAME=VALUE` of the address `text`, by name. Raises UsageError unless all are `known`, once and
-    right."""
+    """Read `NAME=VALUE&NAME=VALUE` of the address `text`. Raises UsageError unless all are `known`, once and valid."""
     options: dict[str, Any] = {}
     for part in query.split("&"):
         name, _, value = part.partition("=")
@@ -95,7 +84,7 @@ def address_number(text: str, host: str) -> IPv4Address:
 
 
 def bad_address(text: str, what: str, *, found: str = "", allowed: str = "", next_step: str = "") -> UsageError:
-    """The error for a part of the address `text`; what came from outside is shortened and made printable."""
+    """Make the error for a part of the address `text`. Outside text is shortened and made printable."""
     where, found = (repr(part if len(part) <= 200 else part[:200] + "...")[1:-1] for part in (text, found))
     return UsageError(what, where=where or "an empty address", found=found, allowed=allowed, next_step=next_step)
 
@@ -141,23 +130,18 @@ _OPTIONS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "bones": ("global or local, as Skeleton Coordinates in Motive's streaming settings", _one_of("global", "local")),
     "speed": (f"1 to {MAX_SPEED:g} (slower, frames are too old when they arrive)", _speed),
     "kind": (", ".join(RECORDED), _one_of(*RECORDED)),
-}
-"""What an option may be, in words, and its reader, which raises ValueError."""
+}  # allowed values in words, and the reader, which raises ValueError
 
-WEB_PORT = 8790
-"""TCP port of the page of `web://`, where it is free."""
-VIEW_PORT = 8080
-"""That of `--view` and `retarget view`."""
+WEB_PORT = 8790  # TCP port of the page of `web://`, where it is free
+VIEW_PORT = 8080  # of `--view` and `retarget view`
 LOOPBACK = "127.0.0.1"
 EVERYWHERE = "0.0.0.0"
-LONGEST = 4096
-"""Characters of an address: the longest path that Linux takes (PATH_MAX)."""
+LONGEST = 4096  # characters: the longest path that Linux takes (PATH_MAX)
 
 
 @dataclass(frozen=True, slots=True)
 class AddressKind:
-    """What an address of one scheme may hold. port: the usual port, None where there is none. sender: the program that
-    is to be configured."""
+    """Properties of addresses of one scheme. port: the usual one. sender: the program that is to be configured."""
 
     example: str
     port: int | None
@@ -173,19 +157,17 @@ KINDS = {
     "json": AddressKind("json://:14150", None, ("allow",), "the sender"),
     "web": AddressKind("web://", WEB_PORT, (), "the page"),
     "replay": AddressKind("replay://walk.raw", None, ("speed", "kind", "up", "bones"), "the recording"),
-}
-"""The schemes by name, with the usual ports of their senders (project facts on streams, sections 2 to 5)."""
+}  # usual ports by the facts on streams, sections 2 to 5
 
 
 @dataclass(frozen=True, slots=True)
 class StreamAddress:
     """The address of a stream, and the senders that are allowed.
 
-    text: as the user wrote it, for messages. kind: one of KINDS. bind: the IPv4 address that is listened on (0.0.0.0:
-    every interface; of a multicast: the group). port: of UDP, 0 for any free one. allow: who may send. host: the
-    computer that is asked (NatNet), else None. multicast, interface: group, and own address on the interface where it
-    is joined (0.0.0.0: the system chooses). up, bones: how Motive is set. path, speed: of a replay; recorded: the kind
-    of stream that it holds, where the user said it.
+    text: as written, for messages. kind: one of KINDS. bind: the IPv4 address that is bound (0.0.0.0: every interface;
+    the group of a multicast). port: of UDP, 0 for any free one. allow: permitted senders. host: the NatNet server.
+    multicast, interface: group, and own address on the interface where it is joined (0.0.0.0: the system chooses). up,
+    bones: settings of Motive. path, speed: of a replay; recorded: its kind of stream, where given.
     """
 
     text: str
@@ -204,18 +186,18 @@ class StreamAddress:
 
 
 def for_others(kind: str, port: int) -> str:
-    """The next step where the port listens on loopback only, and the sender is another computer."""
+    """The next step where the port is on loopback, and the sender is another computer."""
     return f"If the sender is another computer: {kind}://{EVERYWHERE}:{port}?allow=ITS_ADDRESS"
 
 
 def is_address(text: str) -> bool:
-    """Whether a text is meant as the address of a stream and not as a file: `://`, or a known scheme and a colon."""
+    """True if a text means a stream and not a file: `://`, or a known scheme and a colon."""
     scheme, colon, _ = text.partition(":")
     return "://" in text or bool(colon and scheme.lower() in KINDS)
 
 
 def _intended(text: str) -> str:
-    """The next step for a bare port behind the scheme (`vmc:39539`, `vmc://39539`); "" for anything else."""
+    """The next step for a bare port behind the scheme (`vmc:39539`, `vmc://39539`), or ""."""
     match = re.fullmatch(r"(\w+):/{0,2}([0-9]{1,5}(?:\?.*)?)", text, re.ASCII)
     is_listener = match is not None and match[1].lower() in KINDS and "allow" in KINDS[match[1].lower()].options
     return f"Did you mean {match[1].lower()}://:{match[2]}?" if match is not None and is_listener else ""
@@ -224,8 +206,8 @@ def _intended(text: str) -> str:
 def parse_address(text: str) -> StreamAddress:
     """Read the address of a stream.
 
-    It listens on loopback unless an address is given; one that others can reach needs `?allow=192.168.1.20,10.0.0.0/8`
-    (who may send) or `?allow=any`. Raises UsageError for any mistake, with its place and the next step.
+    It is on loopback unless an address is given; one that others can reach needs `?allow=192.168.1.20,10.0.0.0/8`
+    (permitted senders) or `?allow=any`. Raises UsageError for any mistake, with its place and the next step.
     """
     match = re.fullmatch(r"([A-Za-z][A-Za-z0-9+.-]*)://([^\x00-\x1f]*)", text)
     if match is None or len(text) > LONGEST:
@@ -251,7 +233,7 @@ def parse_address(text: str) -> StreamAddress:
 
 
 def _place(text: str, kind: str, place: str) -> tuple[str, int]:
-    """Host ("" where none is given) and port of `HOST:PORT`."""
+    """Host ("" for none) and port of `HOST:PORT`."""
     host, colon, number = place.removesuffix("/").partition(":")
     if "[" in place or ":" in number:
         raise bad_address(text, "IPv6 is not supported", found=place, allowed="an IPv4 address, or none for loopback")
@@ -268,7 +250,7 @@ def _place(text: str, kind: str, place: str) -> tuple[str, int]:
 
 
 def _listener(text: str, kind: str, host: str, port: int, options: dict[str, Any]) -> StreamAddress:
-    """A port of this machine that the sender sends to."""
+    """A port of this machine to which the sender sends."""
     allow, bind = options.get("allow"), address_number(text, host or LOOPBACK)
     if bind.is_multicast:
         raise bad_address(text, "a group cannot be listened on", found=host, allowed="an address of this machine")
@@ -298,7 +280,7 @@ def _natnet(text: str, host: str, port: int, options: dict[str, Any]) -> StreamA
     addresses: dict[str, Any] = {name: str(options.pop(name)) for name in ("multicast", "interface") if name in options}
     interface = addresses.setdefault("interface", LOOPBACK if server.is_loopback else EVERYWHERE)
     group = addresses.get("multicast")
-    # In unicast, Motive answers to the port that asked.
+    # In unicast, Motive answers to the port of the request.
     bind, port = (interface, 0) if group is None else (group, port)
     return StreamAddress(text, "natnet", bind, port, (IPv4Network(server),), host=str(server), **addresses, **options)
 

@@ -1,7 +1,6 @@
-"""Admission of datagrams: the receiver protocol, the allow-list, the one source that owns a stream.
+"""Admission of datagrams: the receiver protocol, the allow-list, and the one source that owns a stream.
 
-The first source that sends a frame that can be decoded owns the stream. Pure state without sockets or clocks: datagrams
-and their times go in, decisions come out. A refused datagram never reaches a decoder.
+Datagrams and times go in, decisions come out, without sockets or clocks. A refused datagram never reaches a decoder.
 """
 
 from collections.abc import Iterable
@@ -12,19 +11,14 @@ from typing import Literal, NamedTuple, Protocol
 from retarget.live.address import ANY_ADDRESS, StreamAddress
 from retarget.sources.streams.stream_frame import MAX_DATAGRAM, Dropped
 
-# One datagram of a live stream, and the protocol of its receivers: sockets and recordings alike.
+MOST_PER_POLL = 128  # datagrams of one poll: 12,800 a second at 100 Hz
+MOST_BYTES_PER_POLL = 2**20  # bytes of one poll
 
-MOST_PER_POLL = 128
-"""Datagrams that one poll returns at most; the rest waits. 12,800 a second at 100 Hz."""
-MOST_BYTES_PER_POLL = 2**20
-"""Bytes after which a poll takes no further datagram."""
-
-Source = tuple[str, int]
-"""Address (as numbers) and port of a sender."""
+Source = tuple[str, int]  # address (as numbers) and port of a sender
 
 
 class Datagram(NamedTuple):
-    """One datagram. arrival: s of the clock whose `now` was given to `poll`; payload: 1 to 65,536 bytes."""
+    """One datagram. arrival: s of the clock of `poll`; payload: 1 to 65,536 bytes."""
 
     arrival: float
     source: Source
@@ -38,11 +32,12 @@ class Receiver(Protocol):
 
     @property
     def finished(self) -> bool:
-        """Whether nothing will arrive any more, as at the end of a recording."""
+        """True if nothing will arrive any more, as at the end of a recording."""
         ...
 
     def poll(self, now: float) -> list[Datagram]:
-        """What has arrived until `now` (s), oldest first, bounded in number and bytes. Never blocks, never raises."""
+        """Return what has arrived until `now` (s), oldest first, bounded in number and bytes. Never blocks, never
+        raises."""
         ...
 
     def close(self) -> None:
@@ -50,16 +45,16 @@ class Receiver(Protocol):
         ...
 
 
-RELEASE_AFTER_S = 5.0
-"""Silence after which another source may take over the stream of a robot that does not move."""
-MOST_NAMED = 16
-"""Refused sources that are reported by address; more are only counted."""
+RELEASE_AFTER_S = 5.0  # silence after which another source may own the stream of a robot at rest
+MOST_NAMED = 16  # refused sources that are reported by address; more are only counted
 
 NOT_ALLOWED = "sender not on the allow-list"
 SECOND_SOURCE = "a second source"
 NEW_SOCKETS = "the sender opens a new socket for each datagram"
-MANY_PORTS, PORTS_WITHIN_S = 4, 1.0
-"""So many ports of the owner's computer that are refused within this time are taken for new sockets of one sender."""
+MANY_PORTS, PORTS_WITHIN_S = (
+    4,
+    1.0,
+)  # so many refused ports of the owner's computer in this time are new sockets of one sender
 TOO_LONG = "datagram empty or longer than 64 KiB"
 TOO_MANY = "more datagrams than can be decoded in time"
 
@@ -67,18 +62,16 @@ TOO_MANY = "more datagrams than can be decoded in time"
 class Admission:
     """Decides which datagrams reach the decoder.
 
-    The first source that sent a frame that could be decoded (`confirm`) owns the stream. It keeps the stream until it
-    has sent no such frame for RELEASE_AFTER_S and nothing moves. The caller says whether something moves:
-    `moving` is True as soon as a performer is being measured, and in every state in which the stream affects the
-    servos, a hold included. refused: counts by reason.
+    The first source of a frame that can be decoded (`confirm`) owns the stream, until it is silent for RELEASE_AFTER_S
+    while nothing moves. `moving` is True from the measurement of a performer on, and in every state in which the stream
+    affects servos, holds included. refused: counts by reason.
     """
 
     def __init__(
         self, *, allow: Iterable[IPv4Network] = (ANY_ADDRESS,), source: Literal["port", "computer"] = "port"
     ) -> None:
-        """source: whether a port or a computer counts as one source. Another program on the sender's computer has
-        another port; but Motive answers requests from one port and sends frames from another.
-        """
+        """source: count a port or a computer as one source. Other programs of a computer have other ports, but Motive
+        answers from one port and sends frames from another."""
         self.refused = Dropped()
         self._networks = tuple((int(net.network_address), int(net.netmask)) for net in allow)
         self._by_port = source == "port"
@@ -95,7 +88,7 @@ class Admission:
         return tuple(self._named)
 
     def admit(self, datagram: Datagram, *, now: float, moving: bool) -> bool:
-        """Whether a datagram may be decoded at `now`, s."""
+        """True if a datagram may be decoded at `now`, s."""
         source = datagram.source
         if source != self.owner:
             if not self._allowed(source[0]):
@@ -108,10 +101,9 @@ class Admission:
         return True
 
     def confirm(self, source: Source, *, now: float, moving: bool) -> bool:
-        """Note that an admitted datagram of `source` held a frame. Returns whether that frame may be used.
+        """Note that an admitted datagram of `source` held a frame. True if the frame may be used.
 
-        The source owns the stream from here on, unless another one does. Of two that were admitted in one poll, the
-        first whose frame can be decoded owns it.
+        The source then owns the stream, unless another one does.
         """
         if source != self.owner:
             if not self._may_own(source, now, moving):
@@ -121,12 +113,12 @@ class Admission:
         return True
 
     def news(self) -> tuple[tuple[Source, str], ...]:
-        """Sources refused since the last call, with the reason, each address once per reason; for messages."""
+        """Sources refused since the last call with the reason, each address once per reason."""
         news, self._news = tuple(self._news), []
         return news
 
     def _second(self, source: Source, now: float) -> str:
-        """Why a source beside the owner is refused at `now`, s."""
+        """The reason for which a source beside the owner is refused at `now`, s."""
         if self.owner is None or source[0] != self.owner[0]:
             return SECOND_SOURCE
         others = [(port, at) for port, at in self._ports if port != source[1] and now - at < PORTS_WITHIN_S]

@@ -1,6 +1,4 @@
-"""What is said of a stream, in messages and errors: what is wrong and what to do, by symptom and kind of source, from
-the table `advice.yaml`.
-"""
+"""Messages about streams: the problem and the remedy, by symptom and kind of source, from the table `advice.yaml`."""
 
 from collections.abc import Mapping
 from fnmatch import fnmatchcase
@@ -11,15 +9,14 @@ from typing import Any, NamedTuple, TypeVar
 from retarget.errors import Problem, RefusedError
 from retarget.schema import strict_yaml
 
-MAX_KNOWN = 128
-"""Symptoms whose rows are kept: a hold asks in every tick, and a sender may make up new ones."""
+MAX_KNOWN = 128  # symptoms whose rows are kept: a hold reads them in every tick, and a sender may make up new ones
 
 
 Refused = TypeVar("Refused", bound=RefusedError)
 
 
 class Advice(NamedTuple):
-    """what: is wrong, allowed: in its place, then: what to do; "" for nothing."""
+    """Texts, each may be "". what: the problem; allowed: in its place; then: the remedy."""
 
     what: str
     allowed: str
@@ -27,7 +24,7 @@ class Advice(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Both as one text."""
+        """Problem and remedy as one text."""
         return ". ".join(part for part in (self.what, self.then) if part)
 
 
@@ -40,7 +37,7 @@ def _rows() -> list[dict[str, str]]:
 
 @lru_cache(maxsize=MAX_KNOWN)
 def _row(symptom: str, kind: str) -> dict[str, str]:
-    """The first row that fits; an empty one where none does."""
+    """The first row that fits, or an empty one."""
     fits = (row for row in _rows() if row.get("kind", kind) == kind and fnmatchcase(symptom, row["symptom"]))
     return next(fits, {})
 
@@ -52,7 +49,7 @@ def advice(symptom: str, kind: str = "", **facts: Any) -> Advice:
 
 
 def problem(symptom: str, where: str, kind: str = "", *, found: str = "", **facts: Any) -> Problem:
-    """The advice on a symptom as a problem. found: the value that was given."""
+    """The advice on a symptom as a problem. found: the given value."""
     said = advice(symptom, kind, **facts)
     return Problem(said.what, where, found=found, allowed=said.allowed, next_step=said.then)
 

@@ -1,6 +1,4 @@
-"""The beginning of a live run: wait for data, calibrate a performer who stands still, check left and right, and make
-the performer that the run follows.
-"""
+"""The beginning of a live run: wait for data, calibrate, check the sides, and make the performer of the run."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -35,22 +33,21 @@ from retarget.model.robot import RobotBody
 from retarget.sources.streams.stream_frame import SkeletonSender
 from retarget.types import Notify, RunState
 
-Enter = Callable[[RunState], object]
-"""Takes the state of a run that begins."""
-LONGEST_COUNTDOWN_S = 600.0
-"""Longest countdown, s: ten minutes to put on sensors."""
+Enter = Callable[[RunState], object]  # takes the state of a run that begins
+LONGEST_COUNTDOWN_S = 600.0  # ten minutes to put on sensors
 
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """How a live run begins.
+    """Options of the beginning of a live run.
 
     patience: s of waiting for data. countdown: s to get into the pose. duration: s of the run, None: until it is
     stopped. mirror: swap left and right. stature: m, of the performer, if known. smoothing: a name of
     `playout.SMOOTHINGS`. latest: use the newest poses, without a playout buffer. use_generated_legs: see `WebDecoder`.
-    mirrored_camera: the camera shows a mirror image, in which left is right.
-    person: name under which the size is kept, None: it is not kept. recalibrate: measure also a person who was measured
-    before. check_sides: ask for the left arm first. Raises UsageError for a countdown or a stature out of range.
+    mirrored_camera: the camera shows a mirror image. person: name under which the size is kept. recalibrate: measure a
+    known person, too. check_sides: begin with the check of sides.
+
+    Raises UsageError for a countdown or a stature out of range.
     """
 
     patience: float = 10.0
@@ -82,16 +79,13 @@ class LiveOptions:
             raise UsageError("stature out of range", where="--stature", found=found, allowed=allowed)
 
 
-# The check of sides: raise your left arm to the front.
-
-WAIT_S = 10.0
-"""Time, s, to raise the arm after a request: enough to hear, understand and do it."""
+WAIT_S = 10.0  # [s] to raise the arm: enough to hear, understand and do it
 
 
 def _not_raised(check: SideCheck, why: str, lost: list[str], where: str) -> InputError:
-    """The error for an arm that did not come. Where data are missing, it does not propose to leave the check out.
+    """The error for an arm that was not raised. If data are missing, it does not propose to leave the check out.
 
-    why: what is wrong with the stream, "" for nothing. lost: wrists that are not fresh.
+    why: the problem of the stream, or "". lost: wrists that are not fresh.
     """
     if why:
         return InputError(why.rstrip("."), where=where)
@@ -101,23 +95,19 @@ def _not_raised(check: SideCheck, why: str, lost: list[str], where: str) -> Inpu
     return refusal(InputError, symptom, where, found=check.found(), rise=RISE_M, front=FRONT_M, still=STILL_M)
 
 
-# Wait for data, measure after a countdown, from a second of standing still, and check the sides.
-
-POLL_S = 0.01
-"""Time, s, between two polls of the stream while nothing moves."""
-SETTLE_S = 0.3
-"""Time in which the smoothing filter settles after the offset of a sensor was corrected."""
-SAY_S = 1.0
-"""Least time, s, between two sentences on what is wrong with the pose: long enough to hear and follow one."""
-TRY_S = 0.1
-"""Time, s, between two checks whether the performer stands still by now."""
+POLL_S = 0.01  # [s] between polls while nothing moves
+SETTLE_S = 0.3  # the smoothing filter settles after the offset of a sensor was corrected
+SAY_S = 1.0  # [s] between sentences on the pose: long enough to hear and follow one
+TRY_S = 0.1  # [s] between checks for standing still
 
 
 @dataclass(frozen=True, kw_only=True)
 class Beginning:
-    """A live run that begins. where: the stream, for messages. notify: receives what the performer is to do. enter:
-    receives the states of the run as they begin: COUNTDOWN, CALIBRATING, CHECKING_SIDES. look: called every POLL_S; it
-    may raise KeyboardInterrupt."""
+    """A live run that begins. where: the stream, for messages. notify: receives the instructions for the performer.
+
+    enter: receives the states COUNTDOWN, CALIBRATING, CHECKING_SIDES as they begin. look: called every POLL_S; it may
+    raise KeyboardInterrupt.
+    """
 
     stream: LiveStream
     options: LiveOptions
@@ -128,7 +118,7 @@ class Beginning:
     look: Callable[[], object] = lambda: None
 
     def wait_for_data(self) -> None:
-        """Wait until every needed sensor is fresh, and the stream has every sensor that the performer's file lists.
+        """Wait until every needed sensor is fresh, and the stream has every sensor of the performer's file.
 
         Raises InputError after `options.patience` s.
         """
@@ -181,10 +171,10 @@ class Beginning:
         return found
 
     def check_sides(self, rest: Calibrated) -> None:
-        """Ask for the left arm to the front, and wait until it comes. Ask once more if it goes to the side.
+        """Request the left arm to the front, and wait for it. Request it once more if it goes to the side.
 
-        rest: where the wrists were when the performer was measured. Raises InputError with what moved instead, and the
-        next step.
+        rest: position of the wrists when the performer was measured. Raises InputError with the motion and the next
+        step.
         """
         self.enter(RunState.CHECKING_SIDES)
         names, where = self.stream.roles.sensors, f"{self.where}, raise your left arm"
@@ -196,7 +186,7 @@ class Beginning:
             sample = live_sample(names, frozen_as_fresh(reading), rest.alignment)
             check.take(now, np.where(sample.valid[rows, None], sample.position[rows], np.nan))
             if message := problems.look(now):
-                self.notify(str(message))  # nothing moves yet: each is said
+                self.notify(str(message))  # nothing moves yet, so all are sent
             if check.seen in REFUSED:
                 raise refusal(InputError, check.seen, where, found=check.found())
             if check.seen == RAISED:
@@ -210,8 +200,8 @@ class Beginning:
         self.notify("left is left, up is up, and the front is in front: lower the arm")
 
     def _readings(self, *, measured: bool) -> Iterator[tuple[float, StreamReading]]:
-        """The time, s, and the stream then, every POLL_S. measured: a performer was measured, so that no other source
-        may take over: the size may be that of the sender's skeleton."""
+        """The time, s, and the stream then, every POLL_S. measured: the performer was measured, so no other source may
+        take over, as the size may be that of the sender's skeleton."""
         while True:
             self.clock.sleep_until(self.clock.now() + POLL_S)
             now = self.clock.now()
@@ -220,13 +210,13 @@ class Beginning:
             yield now, self.stream.read(now)
 
     def _poll_for(self, seconds: float, *, measured: bool) -> None:
-        """Only poll the stream for some seconds."""
+        """Poll the stream for some seconds."""
         end, readings = self.clock.now() + seconds, self._readings(measured=measured)
         while self.clock.now() < end:
             next(readings)
 
     def _skeleton_size(self) -> HumanDimensions | None:
-        """The size by the skeleton that the sender has sent; None where there is none, or none of a human's size."""
+        """The size by the sender's skeleton; None without one, or if it is not a human's."""
         decoder = self.stream.decoder
         skeleton = decoder.rest_of(self.stream.roles.names) if isinstance(decoder, SkeletonSender) else None
         if skeleton is None:
@@ -241,17 +231,17 @@ class Beginning:
     def _captured(self, capture: RestCapture, size: HumanDimensions | None) -> Calibrated:
         """The calibration from the first interval of standing still.
 
-        A stream that falls silent is reported at once, and is then the reason of the InputError at the end. What is
-        wrong with the pose is said when it changes, at most every SAY_S.
+        A stream that falls silent is reported at once, and is then the reason of the InputError at the end. Problems of
+        the pose are reported when they change, at most every MESSAGE_S.
         """
         problems, names = StreamProblems(self.stream), self.stream.roles.sensors
         end, look = self.clock.now() + self.options.patience + CAPTURE_S, 0.0
-        tries, refused = Counter[str](), dict[str, InputError]()  # by what was wrong
-        said, quiet = "", self.clock.now() + CAPTURE_S + SAY_S  # at first the performer may still be getting into it
+        tries, refused = Counter[str](), dict[str, InputError]()  # by problem
+        said, quiet = "", self.clock.now() + CAPTURE_S + SAY_S  # the performer may still be getting into the pose
         for now, reading in self._readings(measured=True):
             capture.take(now, live_sample(names, frozen_as_fresh(reading), Alignment()))
             if message := problems.look(now):
-                self.notify(str(message))  # nothing moves yet: each is said
+                self.notify(str(message))  # nothing moves yet, so all are sent
             if now < end and not (capture.done and now >= look):
                 continue
             look = now + TRY_S
@@ -274,15 +264,13 @@ class Beginning:
         raise AssertionError("readings do not end")
 
 
-KEPT_S = 600.0
-"""A run is recorded for its report up to this long; a longer one goes on without."""
+KEPT_S = 600.0  # of a run that are recorded for its report
 FOR_EVER = 10**9
-HUMAN_RATE_HZ = 100.0
-"""Ticks per second where there is no robot with a profile."""
+HUMAN_RATE_HZ = 100.0  # without a robot profile
 
 
 def live_rate_hz(robot: RobotBody | None) -> float:
-    """Ticks per second of a live run of this robot; of the human alone for None."""
+    """Ticks per second of a live run of this robot, or of the human alone."""
     return HUMAN_RATE_HZ if robot is None else robot.profile.safety.rate_hz
 
 
@@ -300,10 +288,8 @@ def begin_live(
 ) -> Performance:
     """Wait for the stream, calibrate, and return the performance.
 
-    notify: receives what the performer is to do, and later what changes. enter: receives the states of the run as they
-    begin: COUNTDOWN, CALIBRATING, CHECKING_SIDES. look: called every POLL_S while nothing moves; it may raise
-    KeyboardInterrupt. has_deadlines: as of `LivePerformer`. Raises InputError: no data, sensors missing, not still, no
-    rest pose, sides swapped; ConfigError, UsageError: the person's file. Each names the next step.
+    The arguments are those of `Beginning` and `LivePerformer`. Raises InputError: no data, sensors missing, not still,
+    no rest pose, sides swapped; ConfigError, UsageError: the person's file.
     """
     person = None
     if options.person is not None:
@@ -335,8 +321,7 @@ def begin_live(
         mirror=options.mirror,
         optional=calibrated.missing if stream.roles.partial else (),
         has_deadlines=has_deadlines,
-        waits=where.startswith("web:")
-        and not has_deadlines,  # the page of simulated servos goes on, and needs no run anew
+        waits=where.startswith("web:") and not has_deadlines,  # the page of simulated servos goes on without a new run
         notify=notify,
     )
     notes = tuple(f"{name} is not worn, or was not fresh: it takes no part until it is" for name in calibrated.missing)

@@ -1,8 +1,8 @@
 """Clock alignment: capture times on the local clock, from the sender's stamps and the least delay.
 
-arrival - stamp is the offset of the two clocks plus the delay of that datagram. Its minimum over the last seconds is
-the offset plus the least delay, which is what can be known without asking the sender (measured on a Motive recording:
-within 0.42 ms of asking). The window is short, so that the estimate follows a clock that runs fast or slow.
+arrival - stamp is the offset of the clocks plus the delay of a datagram. Its minimum over a few seconds is the offset
+plus the least delay (on a Motive recording within 0.42 ms of asking the sender). A short window follows drifting
+clocks.
 """
 
 from collections import OrderedDict
@@ -12,18 +12,13 @@ from math import frexp, inf, isfinite, ldexp
 
 from retarget.sources.streams.stream_frame import Dropped
 
-# Jumps of a sender's clock: their direction, and how many datagrams must agree before one is accepted.
-
-ALIKE_S = 0.020
-"""Datagrams after one jump agree on the new offset to this, jitter included."""
-ENOUGH = 3
-"""Datagrams that must agree: one or two may be strays."""
-SPREAD_S = 0.010
-"""They must arrive over at least this time: a backlog that arrives at once shows nothing of the clock."""
+ALIKE_S = 0.020  # agreement of the offsets after one jump, jitter included
+ENOUGH = 3  # datagrams that must agree, as one or two may be strays
+SPREAD_S = 0.010  # least time over which they arrive, as a backlog comes at once
 
 
 class JumpKind(StrEnum):
-    """What the sender's clock did."""
+    """Direction of a jump of the sender's clock."""
 
     RESTARTED = "restarted"
     FORWARD = "forward"
@@ -32,7 +27,7 @@ class JumpKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ClockJump:
-    """A jump of the sender's clock, or of the delay from it. shift: s by which local minus sender time grew."""
+    """A jump of the sender's clock, or of the delay. shift: s by which local minus sender time grew."""
 
     kind: JumpKind
     arrival: float
@@ -48,7 +43,7 @@ class OddRun:
         self._since = self._gap = self._stamp = 0.0
 
     def clear(self) -> None:
-        """Start a new run: a datagram that fits came between."""
+        """Start a new run, as a datagram fits."""
         self._agreed, self.least = 0, inf
 
     def note(self, arrival: float, stamp: float, step: float) -> None:
@@ -62,18 +57,12 @@ class OddRun:
         self._gap, self._stamp = gap, stamp
 
     def shows_jump(self, arrival: float) -> bool:
-        """Return whether the sender's clock jumped: enough datagrams up to `arrival`, s, agree."""
+        """True if enough datagrams up to `arrival`, s, agree that the sender's clock jumped."""
         return self._agreed >= ENOUGH and arrival - self._since >= SPREAD_S
 
 
-# The least value of the last few seconds, in memory that does not grow.
-
-
 class SlidingMinimum:
-    """Minimum over a window of `window` s, kept in `buckets` parts that are dropped one at a time.
-
-    A value is kept for at least (1 - 1/buckets) of the window and at most for the whole of it.
-    """
+    """Minimum over a window of s, in `buckets` parts that are dropped one at a time, so memory is bounded."""
 
     def __init__(self, window: float, *, buckets: int = 8) -> None:
         self._width = window / buckets
@@ -87,7 +76,7 @@ class SlidingMinimum:
             self._least[index] = value
 
     def at(self, now: float) -> float:
-        """Return the least value that is kept at `now`, s; infinity where there is none."""
+        """The least value at `now`, s; infinity for none."""
         self._turn_to(now)
         return min(self._least)
 
@@ -97,7 +86,7 @@ class SlidingMinimum:
         self._bucket = None
 
     def _turn_to(self, now: float) -> int:
-        """Empty the buckets that were entered since the last call. Returns the index of the present one."""
+        """Empty the buckets that were entered since the last call, and return the index of the present one."""
         count = len(self._least)
         bucket = int(now // self._width)
         if bucket == self._bucket:
@@ -111,47 +100,35 @@ class SlidingMinimum:
 
 
 WINDOW_S = 2.0
-EARLY_S = 0.005
-"""A datagram that is earlier than all others by more than this counts only when others confirm it."""
-AHEAD_S = 0.100
-"""A datagram stamped further ahead is dropped until its clock is accepted."""
-LATE_S = 0.250
-"""A datagram that took longer than this is dropped: the robot must not follow a pose that old."""
-REORDER_S = 0.100
-"""A datagram further behind what was delivered is dropped."""
-SHIFT_S = 0.030
-"""A smaller shift of the clock is jitter, and is not counted as a jump."""
-COARSE_S = 0.002
-"""No two frames share a step of a clock finer than this: an equal stamp is the same frame."""
-YOUNG_S = 10.0
-"""A clock that jumped back to less than this was restarted."""
-NUDGE_S = 1e-6
-"""Time between two samples whose stamps are equal, so that order is kept."""
-REMEMBERED = 64
-"""Frames that are kept to recognise a repeated one."""
-FASTER = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
-"""Units of which so many are a second."""
-RUN_S = 0.1
-"""Time, s, over which the speed of a sender's clock is taken before its unit is named."""
+EARLY_S = 0.005  # a datagram that is earlier than all others by more counts only when others confirm it
+AHEAD_S = 0.100  # a datagram stamped further ahead is dropped until its clock is accepted
+LATE_S = 0.250  # later datagrams are dropped: the robot must not follow a pose that old
+REORDER_S = 0.100  # a datagram further behind the last delivered one is dropped
+SHIFT_S = 0.030  # a smaller shift of the clock is jitter, no jump
+COARSE_S = 0.002  # an equal stamp of a finer clock is the same frame
+YOUNG_S = 10.0  # a clock that jumped back to less was restarted
+NUDGE_S = 1e-6  # between samples with equal stamps, to keep their order
+REMEMBERED = 64  # frames by which a repeated one is recognised
+FASTER = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}  # units of which so many are a second
+RUN_S = 0.1  # [s] over which a sender's clock is measured before its unit is named
 
 
 def unit_of(speed: float) -> str:
-    """The unit of a sender's time, where so much of it goes by in a second; "" where it is none of FASTER."""
+    """The unit of a clock of this speed, per s; "" for none of FASTER."""
     return next((unit for factor, unit in FASTER.items() if 0.5 * factor < speed < 2.0 * factor), "")
 
 
 def not_seconds(unit: str) -> str:
-    """Reason for which frames with a time in this unit are dropped."""
+    """The reason for which frames with a time in this unit are dropped."""
     return f"the sender's time looks like {unit}, and not like seconds"
 
 
 class ClockMap:
     """Maps one sender's stamps to the local monotonic clock.
 
-    resolution: s, of stamps in coarse units. significand: bits of the stamps' format (24 for float32 seconds), from
-    which their step follows. A frame with a number and no stamp counts as captured when it arrived.
-
-    `jumps` counts jumps of the sender's clock, `last_jump` is the last of them; `dropped` counts by reason.
+    resolution: s, of stamps in coarse units. significand: bits of the stamps' format (24 for float32 seconds), which
+    give their step. A frame with a number and no stamp counts as captured on arrival. jumps: number of clock jumps;
+    last_jump. dropped: by reason.
     """
 
     def __init__(self, *, resolution: float = 0.0, significand: int = 53) -> None:
@@ -172,10 +149,10 @@ class ClockMap:
         self._began: tuple[float, float] | None = None  # [s] arrival and stamp of the first frame
 
     def map(self, arrival: float, stamp: float | None, number: int | None) -> float | None:
-        """The local time (s) at which a frame was captured, at most the arrival (but for microseconds); None: dropped.
+        """The local capture time (s) of a frame, at most its arrival (but for microseconds); None: dropped.
 
-        arrival: s, local. stamp, number: as sent. Frames in the sender's order get rising times, whatever happens to
-        its clock. A frame that was overtaken gets a time before the frames that overtook it.
+        arrival: s, local. stamp, number: as sent. Frames in the sender's order get rising times, whatever its clock
+        does. A frame that was overtaken gets an earlier time.
         """
         if not isfinite(arrival):
             self.dropped.note("arrival is not a time")
@@ -206,7 +183,6 @@ class ClockMap:
         return time
 
     def _by_number(self, arrival: float, number: int) -> float | None:
-        """The time by the arrival, in the order of the numbers."""
         newest, self._newest_number = self._newest_number, number
         if newest is not None and 0 < newest - number <= REMEMBERED:
             self._newest_number = newest
@@ -215,7 +191,6 @@ class ClockMap:
         return self._deliver(arrival)
 
     def _by_clock(self, arrival: float, stamp: float, *, step: float) -> float | None:
-        """The time by the stamps of the sender."""
         gap = arrival - stamp
         self._began = self._began or (arrival, stamp)
         if self.offset is None:
@@ -230,8 +205,8 @@ class ClockMap:
         return self._in_order(arrival, stamp, step)
 
     def _odd_one(self, arrival: float, stamp: float, *, step: float) -> float | None:
-        """The time of a frame that does not fit. It shows a jump if others agree; else it is used only if it is a
-        little early."""
+        """The time of a frame that does not fit: it shows a jump if others agree, and else is used only if a little
+        early."""
         assert self.offset is not None
         excess = arrival - stamp - self.offset
         self._odd.note(arrival, stamp, step)
@@ -270,7 +245,6 @@ class ClockMap:
         return self._deliver(time)
 
     def _deliver(self, time: float) -> float:
-        """Note the time of the newest sample, after all delivered so far."""
         self._latest = max(time, self._latest + NUDGE_S)
         return self._latest
 

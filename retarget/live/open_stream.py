@@ -26,16 +26,13 @@ from retarget.sources.streams.stream_frame import StreamDecoder, StreamFrame
 from retarget.sources.streams.vmc import VmcBodyDecoder, VmcDecoder
 from retarget.sources.streams.vrchat import VrchatDecoder
 
-# The receiver of an address: a UDP socket, the sockets of NatNet, or a recording.
-
 
 def open_receiver(address: StreamAddress, *, names_missing: Callable[[], bool] = lambda: False) -> Receiver:
-    """Open the receiver of an address. names_missing: whether Motive's frames have ids without a known name; Motive is
-    then asked for names.
+    """Open the receiver of an address. names_missing: True if Motive's frames have ids without names, which are then
+    requested.
 
-    Arrivals are on the machine's monotonic clock; those of a replay are on the clock that it is polled by.
-
-    Raises InputError: port taken or forbidden, no such interface, group not joined, no such recording.
+    Arrivals are on the machine's monotonic clock; those of a replay are on the clock that it is polled by. Raises
+    InputError: port taken or forbidden, no such interface, group not joined, no such recording.
     """
     if address.kind == "replay":
         return open_replay(address)
@@ -46,13 +43,12 @@ def open_receiver(address: StreamAddress, *, names_missing: Callable[[], bool] =
     return UdpReceiver(address)
 
 
-BONES = "unity_bones"
-"""The convention whose poses are relative to each other on the wire."""
+BONES = "unity_bones"  # convention whose poses are relative to each other on the wire
 
 
 @dataclass(frozen=True)
 class StreamKind:
-    """How one kind of sender is read. roles: the convention of its names; clock: makes the map of its stamps."""
+    """One kind of sender. roles: the convention of its names; clock: makes the map of its stamps."""
 
     decoder: Callable[[], StreamDecoder]
     roles: str
@@ -83,13 +79,12 @@ def open_stream(
     use_generated_legs: bool = False,
     mirrored_camera: bool = False,
 ) -> LiveStream:
-    """Open the port, or the recording, of an address; or read what the caller's own receiver gets, which is poses in
-    JSON where there is no address. smoothing: see `playout.SMOOTHINGS`. latest: use the newest poses at once, instead
-    of a playout buffer. use_generated_legs: see `WebDecoder`. mirrored_camera: the sender's camera shows a
-    mirror image.
+    """Open the port or recording of an address, or read the caller's own receiver (by default, poses in JSON).
 
-    Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that such a sender does not
-    have.
+    smoothing: see `playout.SMOOTHINGS`. latest: use the newest poses at once, without a playout buffer.
+    use_generated_legs: see `WebDecoder`. mirrored_camera: the sender's camera shows a mirror image.
+
+    Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that such a sender lacks.
     """
     kind, decoder = _decoder(address)
     if kind == "vmc" and performer.roles == BONES:
@@ -122,8 +117,7 @@ def open_stream(
 
 
 def _decoder(address: StreamAddress | None) -> tuple[str, StreamDecoder]:
-    """The kind of an address, of a replay that of its content, and its decoder; None: of the caller's own receiver.
-    Raises UsageError, InputError."""
+    """The kind of an address, or of a replay's content, and its decoder. Raises UsageError, InputError."""
     if address is None:
         return "json", JsonPoseDecoder()
     kind = recorded_kind(address) if address.kind == "replay" else address.kind
@@ -134,14 +128,13 @@ def _decoder(address: StreamAddress | None) -> tuple[str, StreamDecoder]:
     return kind, stream_kinds()[kind].decoder()
 
 
-MOST_READ = 4_000_000
-"""Poses of a recording that are read at most: 224 MB."""
+MOST_READ = 4_000_000  # poses: 224 MB
 
 
 def read_recording(address: StreamAddress) -> SensorFrames:
-    """Every pose of a `replay://` address at its time of capture, by the sender's own names, in the stream's world.
+    """Every pose of a `replay://` address at its time of capture, by the sender's names, in the stream's world.
 
-    Notes say what is left out. Raises InputError without poses, or if the file is missing or no recording.
+    Notes tell what is left out. Raises InputError without poses, or if the file is missing or no recording.
     """
     assert address.path is not None
     kind, decoder = _decoder(address)

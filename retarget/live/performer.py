@@ -38,12 +38,9 @@ from retarget.live.stream_report import (
 )
 from retarget.types import BoolArray, News, Notify
 
-# The sensors without which a performer cannot be measured, and those without which the robot holds.
-
 BASE_SENSORS = ("pelvis", "l_ankle", "r_ankle")
-"""These locate the body and its feet. The robot holds while one that the performer wears is lost."""
-FALLBACK = ("head",)
-"""The base sensor of a performer who wears none of these."""
+"""Sensors that locate the body and its feet. The robot holds while a worn one is lost."""
+FALLBACK = ("head",)  # the base sensor of a performer who wears none of these
 
 
 def base_sensors(names: Iterable[str]) -> tuple[str, ...]:
@@ -58,7 +55,7 @@ def needed(roles: Roles) -> tuple[str, ...]:
 
 
 def missing_sensors(stream: LiveStream, now: float) -> list[str]:
-    """List the sensors to wait for: needed ones that are not fresh, and listed ones that the stream does not have."""
+    """List the sensors to wait for: needed ones that are not fresh, and listed ones that the stream lacks."""
     reading, must, roles = stream.read(now), needed(stream.roles), stream.roles
     known: BoolArray = np.asarray(np.isfinite(reading.position).all(axis=1))
     missing = []
@@ -70,15 +67,14 @@ def missing_sensors(stream: LiveStream, now: float) -> list[str]:
 
 
 def refuse_unmeasurable(roles: Roles, *, where: str) -> None:
-    """Raise UsageError where the performer's file does not list a sensor that measuring needs."""
+    """Raise UsageError if the performer's file lacks a sensor that measuring needs."""
     missing = [name for name in REQUIRED if name not in roles.sensors]
     if missing:
         found = f"a performer's file without {', '.join(missing)}"
         raise refusal(UsageError, f"unmeasurable {roles.convention}", where, found=found)
 
 
-PLAYED_S = 0.05
-"""A recording is over this long after its last datagram; the playout delay is less."""
+PLAYED_S = 0.05  # a recording is over this long after its last datagram; the playout delay is less
 
 
 def live_sample(
@@ -89,8 +85,8 @@ def live_sample(
     mirror: bool = False,
     used: BoolArray | None = None,
 ) -> SensorSample:
-    """The sample of a reading, in our world. used (k,): which sensors are valid in it; None: those that are fresh.
-    mirror: swap left and right."""
+    """The sample of a reading, in our world. used (k,): valid sensors, by default fresh ones. mirror: swap left and
+    right."""
     position, orientation = alignment.positions(reading.position), alignment.orientations(reading.orientation)
     valid = reading.fresh if used is None else used
     if mirror:
@@ -98,9 +94,6 @@ def live_sample(
         position, orientation = position[order] * REFLECT_POSITION, orientation[order] * REFLECT_QUATERNION
         valid = valid[order]
     return SensorSample(names, position, orientation, valid, reading.times)
-
-
-# Hold reasons in a few words; also the reason of a stop where a hold is too long.
 
 
 def lost_words(sensors: Mapping[str, ValidityState]) -> str:
@@ -112,7 +105,7 @@ TOO_SHORT = advice("too short", healthy=LIMITS.healthy).what
 
 
 class SampleRecord:
-    """The samples that were followed; during a hold, the held one. kept: the first ticks of a run, which are kept."""
+    """The followed samples, or the held one during a hold. kept: number of first ticks that are kept."""
 
     def __init__(self, names: tuple[str, ...], *, kept: int, rate_hz: float) -> None:
         self.kept, self.rate_hz = kept, rate_hz
@@ -147,8 +140,8 @@ class LivePerformer:
     """`retarget.human.samples.Samples` of a stream. `first`: the sample that the robot approaches.
 
     ticks: at most; kept: samples that are recorded. optional: sensors for which the robot never holds. has_deadlines:
-    whether ticks that come late make it hold; simulated servos wait. waits: a hold has no limit in time. notify:
-    receives what changes, a sentence each.
+    hold for late ticks, for which simulated servos wait. waits: a hold has no limit in time. notify: receives a
+    sentence for each change.
     """
 
     def __init__(
@@ -184,7 +177,7 @@ class LivePerformer:
 
     @property
     def kept(self) -> int:
-        """Ticks that are recorded."""
+        """Number of recorded ticks."""
         return self._record.kept
 
     @property
@@ -193,21 +186,20 @@ class LivePerformer:
         return 1.0 / self._record.rate_hz
 
     motion_dt = dt
-    """The performer moves in real time."""
 
     @property
     def over(self) -> bool:
-        """Whether the recording of a stream has been played."""
+        """True if the recording of a stream has been played."""
         return self.stream.receiver.finished and self._clock.now() - self.stream.last > PLAYED_S
 
     @property
     def following(self) -> bool:
-        """Whether the robot follows now."""
+        """True while the robot follows."""
         return self.engagement.following
 
     @property
     def paused(self) -> bool:
-        """True if a hold has no limit in time: the operator pauses the robot, or nothing has torque."""
+        """True if a hold has no limit in time: the operator pauses the robot, or no servo has torque."""
         return self._waits or not self.engagement.wanted
 
     def catch_up(self) -> None:
@@ -215,12 +207,12 @@ class LivePerformer:
         self.stream.poll(self._clock.now(), moving=True)
 
     def poll(self) -> None:
-        """Take what has arrived, and report what changed."""
+        """Take all that has arrived, and report changes."""
         self.stream.poll(self._clock.now(), moving=True)
         self._news.look()
 
     def may_approach(self) -> bool:
-        """Whether the robot is not paused, and data have been good for long enough to go on with the approach."""
+        """True if the robot is not paused, and data have been good for long enough to go on with the approach."""
         now = self._clock.now()
         reading, _ = self._read(now)
         good = self.engagement.wanted and self._is_good(reading, now)
@@ -239,12 +231,12 @@ class LivePerformer:
         return sample
 
     def hold(self) -> None:
-        """The robot holds: it waits for good data."""
+        """Hold until data are good."""
         self.engagement.hold()
 
     @property
     def hold_reason(self) -> str:
-        """Why the performer is not followed, in a few words."""
+        """Reason, in a few words, for which the performer is not followed."""
         if not self.engagement.wanted:
             return "paused by the operator"
         late = "ticks were missed" if self._timing.behind else ""
@@ -262,7 +254,7 @@ class LivePerformer:
 
     def reset_heading(self) -> bool:
         """Take the direction that the performer faces now as straight ahead, since trackers drift. The robot holds, and
-        goes on from there. Returns False where left and right sensors do not show a direction."""
+        goes on from there. Returns False if left and right sensors show no direction."""
         reading = self.stream.read(self._clock.now())
         names = self.stream.roles.sensors
         sample = live_sample(names, reading, self.alignment)
@@ -294,7 +286,7 @@ class LivePerformer:
         )
 
     def recorded(self) -> Clip:
-        """The samples that were followed; during a hold, the held one."""
+        """The followed samples, or the held one during a hold."""
         return self._record.clip()
 
     def _now(self) -> SensorSample | None:
@@ -309,12 +301,12 @@ class LivePerformer:
         return followed
 
     def _report(self, goes_on: str, holds: str, *, good: bool) -> None:
-        """Say that the robot goes on, or holds. holds: with a place for the reason."""
+        """Report that the robot goes on, or holds. holds: with a place for the reason."""
         late = " because ticks come late" if self._timing.behind else ""
         self._notify(News(goes_on) if good else News(holds.format(late), holds, is_due=True))
 
     def _read(self, now: float) -> tuple[StreamReading, SensorSample]:
-        """The reading of this tick, and the sample of its valid sensors in our world; reports what has changed."""
+        """The reading of this tick, and the sample of its valid sensors in our world; reports changes."""
         self._timing.begin(now)
         reading = self.stream.read(now)
         self._states = reading.states
@@ -341,8 +333,7 @@ class LivePerformer:
         }
 
     def _is_good(self, reading: StreamReading, now: float) -> bool:
-        """Whether data are good enough to move: the sender sends, no sensor has jumped, the base sensors are fresh, and
-        ticks are on time."""
+        """True if the sender sends, no sensor has jumped, the base sensors are fresh, and ticks are on time."""
         silent = now - self.stream.last > self.stream.validity.limits.silent_after
         known = bool(np.count_nonzero(reading.fresh))
         return known and not (silent or self._timing.behind or self._problems.foreign or self._holding())

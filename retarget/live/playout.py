@@ -1,6 +1,4 @@
-"""The playout buffer: sensors sent at their own times, read at one time, with a delay that evens out jitter; and their
-smoothing, a One-Euro filter chosen by name.
-"""
+"""The playout buffer, which evens out the jitter of a stream by a delay, and the One-Euro filters of its sensors."""
 
 from bisect import bisect_left, insort
 from collections import deque
@@ -16,24 +14,18 @@ from retarget.errors import UsageError, suggest
 from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
 
-# The playout delay: how far behind the present a stream is played, so that late frames still arrive in time.
-
 DELAY_CAP_S = 0.040
-WINDOW_S, MOST_KEPT = 2.0, 512
-"""Time, s, over which the lateness of frames is measured, and the most frames of it."""
+WINDOW_S, MOST_KEPT = 2.0, 512  # [s] over which the lateness of frames is measured, and most frames of it
 IN_TIME = 0.95
-"""Share of the frames that are to arrive in time. A rare one that is later is bridged by extrapolation, which costs
-less than to wait with all others for it."""
-SHRINK_S = 1.0
-"""Time constant of shrinking. At the cap, time then plays 4 % fast, which is not visible."""
-GAP_SHARE = 0.1
-"""Share of each new gap in the running mean."""
+"""Share of the frames that arrive in time. Extrapolation bridges a later one, which costs less than to wait for it."""
+SHRINK_S = 1.0  # time constant; at the cap, time then plays 4 % fast, which is not visible
+GAP_SHARE = 0.1  # of each new gap in the running mean
 
 
 class PlayoutDelay:
-    """The lateness (arrival - capture) of the last 2 s, that of all but one frame in twenty, and the typical time
-    between two frames, s: so the later neighbour of a time that is read has arrived. The delay grows at once and
-    shrinks slowly, and is at most the cap.
+    """The playout delay, s: the lateness of 95 % of the frames of the last 2 s, and the typical gap between frames.
+
+    It grows at once and shrinks slowly, up to the cap.
     """
 
     def __init__(self) -> None:
@@ -44,7 +36,8 @@ class PlayoutDelay:
         self._now: float | None = None
 
     def note(self, arrival: float, *, lateness: float, gap: float) -> None:
-        """Note that a frame arrived. gap: s since the frame before it was captured; infinity for the first one."""
+        """Note the arrival of a frame. gap: s between its capture and that of the frame before; infinity for the
+        first."""
         arrived, ordered = self._arrived, self._lateness
         arrived.append((arrival, lateness))
         insort(ordered, lateness)
@@ -68,20 +61,18 @@ class PlayoutDelay:
         return self._delay
 
 
-DEPTH = 64
-"""Poses of each sensor that are kept."""
+DEPTH = 64  # kept poses of each sensor
 EXTRAPOLATION_S = 0.050
-AHEAD_S = 0.100
-"""A capture time farther after its arrival than this is wrong."""
+AHEAD_S = 0.100  # a capture time farther after its arrival is wrong
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayoutSample:
-    """k sensors at one time. position (k, 3) m, orientation (k, 4) wxyz: NaN where never sent. Not to be written to.
+    """k sensors at one time, read only. position (k, 3) m, orientation (k, 4) wxyz: NaN where never sent.
 
-    valid (k): the sender has sent the sensor, and has not reported it lost since. age (k): s since the newest pose was
-    captured, infinity where there is none. how (k): see `PoseRing`. time (k): s, local capture time of the pose, never
-    falling from read to read while it is not as sent; NaN where there is none.
+    valid (k,): the sender has sent the sensor, and has not reported it lost since. age (k,): s since the capture of the
+    newest pose, infinity for none. how (k,): see `PoseRing`. time (k,): s, local capture time of the pose, NaN for
+    none.
     """
 
     position: FloatArray
@@ -93,11 +84,10 @@ class PlayoutSample:
 
 
 class Playout:
-    """The playout buffer of k sensors. delay: None plays the newest pose as it is, never extrapolated.
+    """The playout buffer of k sensors. Without a delay it plays the newest pose.
 
-    While a stream is silent, a sensor moves on for 50 ms with its last velocity (linear and angular) and is then held.
-    When data resume, the next read shows the data, also where they jump from where the sensor was held; later stages
-    must blend. A frame that was overtaken is sorted in; what was already played stays played.
+    A sensor of a silent stream moves on for 50 ms at its last velocity and then stops. The next data show at once, even
+    where they jump, so later stages must blend. A frame that was overtaken is sorted in.
     """
 
     def __init__(self, count: int, *, delay: PlayoutDelay | None = None) -> None:
@@ -108,7 +98,7 @@ class Playout:
 
     @property
     def delay(self) -> float:
-        """How far behind the present the last read was, s; 0 without a delay."""
+        """Delay of the last read, s; 0 without a playout delay."""
         return 0.0 if self._delay is None else self._now - self._at if self._now > -inf else 0.0
 
     def push(
@@ -123,8 +113,8 @@ class Playout:
     ) -> None:
         """Take poses of m different sensors captured at one time.
 
-        rows (m,); time, arrival: s, local clock; position (m, 3) m, NaN where not sent; orientation (m, 4) wxyz, of
-        any sign, NaN where not sent; valid (m,): False where the sender reports that it has lost the sensor.
+        rows (m,); time, arrival: s, local clock; position (m, 3) m and orientation (m, 4) wxyz, NaN where not sent;
+        valid (m,): False where the sender reports that it has lost the sensor.
         """
         if not (isfinite(time) and time <= arrival + AHEAD_S):
             self.dropped.note("not a capture time")
@@ -147,29 +137,23 @@ class Playout:
         return PlayoutSample(*self._ring.read(self._at, now))
 
 
-# Smoothing: the One-Euro filter (Casiez, Roussel and Vogel, CHI 2012).
-#
-# It is a low-pass filter of first order whose cutoff rises with the speed: strong at rest, weak in
-# motion. The speed is the norm of the whole vector, so that turning the world turns the result, and nothing else. An
-# orientation is filtered by the rotation vector from the filtered orientation to the new one, in world axes, and not by
-# its own rotation vector, which jumps at 180 degrees. So the signs of quaternions do not matter.
+# The One-Euro filter (Casiez, Roussel and Vogel, CHI 2012) is a first-order low-pass whose cutoff rises with the speed.
+# The speed is the norm of the whole vector, so that the result turns with the world. An orientation is filtered by the
+# rotation vector from the filtered one, as its own rotation vector jumps at 180 degrees.
 
 OFF, LIGHT = "off", "light"
 
-Cutoffs = tuple[float, float, float]
-"""One-Euro filter: cutoff at rest, Hz; Hz by which it rises per m/s or rad/s; cutoff of the speed's own filter, Hz."""
+Cutoffs = tuple[float, float, float]  # [Hz] at rest; its rise per m/s or rad/s; of the speed's own filter
 SMOOTHINGS: dict[str, tuple[Cutoffs, Cutoffs] | None] = {
     OFF: None,
     LIGHT: ((4.0, 12.0, 1.0), (4.0, 3.0, 1.0)),
     "strong": ((1.0, 3.0, 1.0), (1.0, 1.0, 1.0)),
 }
-"""Cutoffs by name, of positions and of orientations. light: a hand at rest trembles half as much, and one that moves at
-1 m/s lags by 10 ms."""
+"""Cutoffs of positions and orientations. light: a resting hand trembles half as much, and lags by 10 ms at 1 m/s."""
 
 
 def smoothing_delay(name: str, speed: float) -> float:
-    """The group delay, s, of the smoothing of this name on a position that moves at a speed, m/s: 1 / (2 pi cutoff), of
-    a low-pass filter of first order."""
+    """Group delay, s, of a smoothing at a speed, m/s: 1 / (2 pi cutoff)."""
     settings = SMOOTHINGS[name]
     if settings is None:
         return 0.0
@@ -178,7 +162,7 @@ def smoothing_delay(name: str, speed: float) -> float:
 
 
 def pose_filter(name: str, count: int) -> PoseFilter | None:
-    """The filter of this name for `count` sensors; None for no smoothing. Raises UsageError for an unknown name."""
+    """The filter of a name for `count` sensors, or None. Raises UsageError for an unknown name."""
     if name not in SMOOTHINGS:
         allowed, step = ", ".join(SMOOTHINGS), suggest(name, SMOOTHINGS)
         found = repr(name[:80])

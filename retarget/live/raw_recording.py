@@ -14,29 +14,26 @@ from retarget.sources.streams.raw_record import RawReader, RawWriter, RecordedDa
 from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import Notify
 
-UNKNOWN_SOURCE = "127.0.0.1"
-"""The sender's address where a recording holds none."""
-LOOKED_AT = 100
-"""Datagrams by which the kind of a recording is recognised where its header does not give it."""
+UNKNOWN_SOURCE = "127.0.0.1"  # address of the sender where a recording holds none
+LOOKED_AT = 100  # datagrams by which a recording without a kind in its header is recognised
 
 
 class ReplayReceiver:
-    """Plays a recording: its datagrams fall due as the time given to `poll` goes on, the first one at once.
+    """Plays a recording: its datagrams fall due with the time of `poll`, the first one at once.
 
-    A recorded time that goes back counts as no time passed. The file is read while it is played, through a buffer, one
-    datagram ahead.
+    A recorded time that goes back counts as no time passed. The file is read one datagram ahead.
     """
 
     def __init__(self, reader: RawReader, *, speed: float = 1.0) -> None:
-        """`speed`: recorded seconds per second, above 0."""
+        """speed: recorded seconds per second, above 0."""
         self.dropped = Dropped()
         self._reader, self._speed = reader, speed
         self._rows: Iterator[RecordedDatagram] = iter(reader)
         self._next: RecordedDatagram | None = None
         self._due: float | None = None
-        """When `_next` arrives, s on the clock of `poll`; None before the first poll."""
+        """Arrival of `_next`, s on the clock of `poll`; None before the first poll."""
         self.finished = False
-        """Whether everything has been returned."""
+        """True when everything has been returned."""
 
     def close(self) -> None:
         """End the replay."""
@@ -75,10 +72,9 @@ def open_replay(address: StreamAddress) -> ReplayReceiver:
 
 
 def recorded_kind(address: StreamAddress) -> str:
-    """The kind of stream that a recording holds: by `?kind=`, by the address that it was recorded from, or by its first
-    datagrams, if all that are recognised are of one kind.
+    """The kind of a recorded stream: by `?kind=`, by its recorded address, or by its first datagrams if they agree.
 
-    Raises InputError if none of these gives it, or if the file is missing or no recording.
+    Raises InputError without any of these, or if the file is missing or no recording.
     """
     assert address.path is not None
     if address.recorded is not None:
@@ -98,24 +94,19 @@ def recorded_kind(address: StreamAddress) -> str:
     raise refusal(InputError, "unknown recording", address.text, found=found, allowed=", ".join(RECORDED))
 
 
-# `--record-raw FILE`: a thread writes every admitted datagram to a file, so that the tick does not wait for the disk.
-
-FLUSH_S = 0.2
-"""Time between two writes, and what a crash may lose."""
-PATIENCE_S = 2.0
-"""Time that closing waits for a disk that hangs."""
+FLUSH_S = 0.2  # between two writes; a crash may lose as much
+PATIENCE_S = 2.0  # closing waits this long for a disk that hangs
 
 
 class RawTap:
-    """Takes datagrams in the tick, and writes them in a thread.
+    """Takes datagrams in the tick, and writes them in a thread, so that the tick does not wait for the disk.
 
-    A disk that is full or gone ends the recording and nothing else. `failure` then gives the reason, and later
-    datagrams are counted in `lost`, as are those that come faster than the disk takes them (the writer holds a bounded
-    number of bytes).
+    A disk that is full or gone ends the recording and nothing else: `failure` gives the reason. Datagrams that come
+    then, or faster than the disk takes them, are counted in `lost`. Memory is bounded.
     """
 
     def __init__(self, writer: RawWriter, *, notify: Notify = lambda text: None) -> None:
-        """Start the thread. The tap owns the writer from here on. notify: receives what is missing, when it closes."""
+        """Start the thread. The tap owns the writer. notify: receives what is missing, on closing."""
         self._writer, self._notify = writer, notify
         self._hung = ""
         self._reported = ""
@@ -131,16 +122,16 @@ class RawTap:
 
     @property
     def failure(self) -> str:
-        """Why the recording ended early; "" if it did not."""
+        """Reason for which the recording ended early, or ""."""
         return self._hung or self._writer.error
 
     @property
     def lost(self) -> int:
-        """Datagrams that are not in the file."""
+        """Number of datagrams that are not in the file."""
         return self._writer.lost
 
     def news(self) -> str:
-        """What is wrong with the recording, in a sentence, once for each problem; "" otherwise."""
+        """Problem of the recording in a sentence, once each; "" otherwise."""
         news = "the disk is too slow: datagrams are missing in the recording" if self.lost else ""
         if self.failure:
             news = f"the recording has ended, the run goes on: {self.failure}"
@@ -155,7 +146,7 @@ class RawTap:
         self._writer.append(datagram.payload, time_ns=round(datagram.arrival * 1e9), address=address, port=port)
 
     def close(self) -> None:
-        """Write the rest and close the file; waits PATIENCE_S at most. A second call has no effect."""
+        """Write the rest and close the file; waits DISK_WAIT_S at most. A second call has no effect."""
         if self._ending.is_set():
             return
         self._ending.set()

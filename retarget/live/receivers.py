@@ -1,6 +1,6 @@
 """Receivers of datagrams: a UDP socket, and NatNet with its requests and answers.
 
-Polls never block, and arrivals are the kernel's times. All errors of opening name what to do.
+Polls never block, and arrivals are the kernel's times.
 """
 
 import errno
@@ -23,23 +23,20 @@ from retarget.sources.streams.natnet_session import NatnetSession
 from retarget.sources.streams.natnet_wire import COMMAND_PORT
 from retarget.sources.streams.stream_frame import MAX_DATAGRAM, Dropped
 
-# Opening the socket of a stream: bound, large enough for bursts, in its multicast group.
-
 RECEIVE_BUFFER = 2**20
-"""Bytes requested from the kernel, which doubles them, within net.core.rmem_max: more than a second of SlimeVR's VMC
-with the overhead of each datagram. A larger buffer would hold datagrams too old to use after a flood."""
-SO_TIMESTAMPNS = 35
-"""Option and control message: time of arrival on the wall clock, as a timespec (socket(7); asm-generic/socket.h)."""
-SO_RXQ_OVFL = 40
-"""Option and control message: datagrams lost so far because the buffer was full (socket(7))."""
-IP_MULTICAST_ALL = 49
-"""Option: whether to receive datagrams of groups that other sockets joined (ip(7))."""
+"""Bytes requested from the kernel, which doubles them, up to net.core.rmem_max: more than a second of SlimeVR's VMC. A
+larger buffer would hold datagrams too old to use after a flood."""
+SO_TIMESTAMPNS = 35  # time of arrival on the wall clock, as a timespec (socket(7); asm-generic/socket.h)
+SO_RXQ_OVFL = 40  # datagrams lost so far because the buffer was full (socket(7))
+IP_MULTICAST_ALL = 49  # receive datagrams of groups that other sockets joined (ip(7))
 NO_INTERFACE = {errno.ENODEV, errno.EADDRNOTAVAIL, errno.ENXIO}
 
 
 def open_socket(address: StreamAddress) -> socket.socket:
-    """A bound, non-blocking UDP socket for `address`. Raises InputError: the port is taken or forbidden, there is no
-    such interface, the group cannot be joined."""
+    """Open a bound, non-blocking UDP socket.
+
+    Raises InputError: the port is taken or forbidden, there is no such interface, or the group cannot be joined.
+    """
     listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         listener.setblocking(False)
@@ -48,7 +45,7 @@ def open_socket(address: StreamAddress) -> socket.socket:
             with suppress(OSError):  # a kernel without them: arrival is then the time of the poll
                 listener.setsockopt(socket.SOL_SOCKET, option, 1)
         if address.multicast is not None:
-            # Every listener of a group gets its own copy; a unicast port that is shared could be taken over.
+            # Listeners of a group get copies. A unicast port must not be shared, as it could be taken over.
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listener.bind((address.bind, address.port))
@@ -63,7 +60,7 @@ def open_socket(address: StreamAddress) -> socket.socket:
 
 
 def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:
-    """Join on the interface that is named, else on the one towards the server, else on the system's choice."""
+    """Join on the named interface, else on that towards the server, else on the system's choice."""
     interface = address.interface
     if interface == EVERYWHERE and address.host is not None:
         interface = interface_towards(address.host) or EVERYWHERE
@@ -77,7 +74,7 @@ def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:
 
 
 def not_bound(address: StreamAddress, error: OSError) -> InputError:
-    """The error for an address that cannot be bound: taken, not of this machine, not for this user."""
+    """Make the error for an address that cannot be bound."""
     if error.errno in NO_INTERFACE:
         return _no_interface(address, address.bind)
     if error.errno == errno.EADDRINUSE:
@@ -88,12 +85,11 @@ def not_bound(address: StreamAddress, error: OSError) -> InputError:
     return refusal(InputError, "port unusable", address.text, found=found)
 
 
-MOST_SOCKETS = 100_000
-"""Bound of a search among sockets."""
+MOST_SOCKETS = 100_000  # bound of a search
 
 
 def port_holder(port: int, processes: Path = PROCESSES) -> str:
-    """The processes that listen on the UDP `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
+    """The processes that listen on a UDP port (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
     wanted, found = set[str](), list[str]()
     for table in ("udp", "udp6"):
         with suppress(OSError), (processes / "net" / table).open(encoding="ascii", errors="replace") as lines:
@@ -121,28 +117,24 @@ def _no_interface(address: StreamAddress, wanted: str) -> InputError:
     return refusal(InputError, "no interface", address.text, found=wanted, listed=listed_interfaces())
 
 
-REMEASURE_S = 1.0
-"""Time between two measurements of the offset of wall and monotonic clock: NTP slews by hardly more than 0.5 ms in it.
-"""
-TOLERANCE_S = 0.001
-"""A stamp up to this long before the last poll that found the socket empty is inexact; an earlier one is wrong."""
+REMEASURE_S = 1.0  # [s] between measurements of the offset of wall and monotonic clock: NTP slews by 0.5 ms in it
+TOLERANCE_S = 0.001  # a stamp this long before the socket was last empty is inexact; an earlier one is wrong
 CONTROL_BYTES = socket.CMSG_SPACE(16) + socket.CMSG_SPACE(4)
 TIMESPEC = struct.Struct("@ll")
 COUNTER = struct.Struct("@I")
 GONE = {errno.EAGAIN, errno.EWOULDBLOCK}
 TRANSIENT = {errno.EINTR, errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH}
-"""Errors to ignore. The kernel reports those of a datagram that was sent (a keep-alive) on the next receive."""
+"""Errors to ignore. The kernel reports those of a sent datagram (a keep-alive) on the next receive."""
 
 
 class UdpReceiver:
     """A socket that is polled by the loop.
 
-    dropped: what was not passed on, by reason. overflowed: datagrams that the kernel lost because they were not fetched
-    in time. bound: address and port of the socket.
+    dropped: counts by reason. overflowed: datagrams that the kernel lost because they were not fetched in time. bound:
+    address and port of the socket.
     """
 
     finished = False
-    """A sender may always send again."""
 
     def __init__(self, address: StreamAddress) -> None:
         """Open the socket. Raises InputError, see `open_socket`."""
@@ -153,7 +145,7 @@ class UdpReceiver:
         self._offset = 0  # [ns] to be added to the wall clock
         self._measured = float("-inf")
         self._emptied = float("-inf")
-        """When the socket was last found empty: what is read after that arrived after that."""
+        """Time at which the socket was last empty: all that is read later arrived after it."""
 
     def fileno(self) -> int:
         """Number of the socket, for `select`; -1 once closed."""
@@ -164,14 +156,15 @@ class UdpReceiver:
         self._socket.close()
 
     def send(self, payload: bytes, to: Source) -> bool:
-        """Send a request or keep-alive from this port. Returns whether the kernel took it. Never blocks or raises."""
+        """Send a request or keep-alive from this port. True if the kernel took it. Never blocks or raises."""
         try:
             return self._socket.sendto(payload, to) == len(payload)
         except OSError:
             return False
 
     def poll(self, now: float) -> list[Datagram]:
-        """What has arrived until `now` (s), oldest first, at most MOST_PER_POLL datagrams and MOST_BYTES_PER_POLL."""
+        """Return what has arrived until `now` (s), oldest first, at most MOST_PER_POLL datagrams and
+        MOST_BYTES_PER_POLL."""
         if now - self._measured >= REMEASURE_S:
             self._offset, self._measured = wall_to_monotonic(), now
         found: list[Datagram] = []
@@ -199,9 +192,11 @@ class UdpReceiver:
         return found
 
     def _arrival(self, control: list[tuple[int, int, bytes]], now: float) -> float:
-        """When the kernel got a datagram, s on the clock of `now`, but not before the socket was last empty; `now`
-        where that cannot be known. The wall clock may be set at any time. A time that is too late does no harm (the
-        least delay counts). One that is too early does, and then the next poll measures the offset anew."""
+        """Arrival of a datagram by the kernel, s on the clock of `now`; `now` if unknown.
+
+        The wall clock may be set at any time. A time that is too late does no harm, as the least delay counts. After
+        one that is too early the offset is measured anew.
+        """
         arrival = now
         for _, kind, content in control:
             if kind == SO_RXQ_OVFL and len(content) == COUNTER.size:
@@ -216,16 +211,14 @@ class UdpReceiver:
         return arrival
 
 
-# NatNet: frames, requests and answers through one socket or two.
-
 NOT_THE_SERVER = "sender is not the server"
 
 
 class NatnetReceiver:
-    """Receives frames from Motive. Each poll also sends the requests of the session, and hands it the answers.
+    """Receives frames from Motive. Each poll also sends the requests of the session, and gives it the answers.
 
     In multicast, frames come through a second socket. dropped: datagrams of others than the server. bound: address and
-    port that receive the server's answers, and in unicast its frames.
+    port for the server's answers, and in unicast its frames.
     """
 
     finished = False
@@ -257,7 +250,7 @@ class NatnetReceiver:
             one.close()
 
     def poll(self, now: float) -> list[Datagram]:
-        """The datagrams of the server until `now` (s), oldest first, bounded as for two sockets. Never raises."""
+        """The server's datagrams until `now` (s), oldest first, bounded as for two sockets. Never raises."""
         for message in self.session.poll(now):
             self._sockets[0].send(message, self._server)
         found = [datagram for one in self._sockets for datagram in one.poll(now)]

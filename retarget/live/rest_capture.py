@@ -20,8 +20,6 @@ from retarget.live.stream import StreamReading
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
 from retarget.types import BoolArray, FloatArray
 
-# The stream's world in ours: the floor at z = 0, the performer at the origin, facing x when calibrated.
-
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
@@ -51,9 +49,9 @@ class Alignment:
         return matmul(sent, self._product)
 
     def turned(self, yaw: float, about: FloatArray) -> "Alignment":
-        """This alignment, followed by a turn by `yaw` rad about the vertical through a point (3,) m of our world."""
+        """This alignment, then a turn by `yaw` rad about the vertical through (3,) m of our world."""
         about = np.array([about[0], about[1], 0.0])
-        # The point that comes to lie at the origin: p with turn(yaw) @ (R (p - o) - about) + about = 0.
+        # The point p that comes to the origin: turn(yaw) @ (R (p - o) - about) + about = 0.
         back = matmul(Alignment(yaw)._matrix, about)
         return Alignment(self.yaw + yaw, self.origin + matmul(self._matrix, about - back))
 
@@ -61,8 +59,8 @@ class Alignment:
 def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> Alignment:
     """The alignment in which a performer who stands upright now faces x, on the floor, above the origin.
 
-    names: k canonical sensors; position (k, 3) m, of the stream's world, z up, NaN where unknown. Without ankles the
-    stream's own floor is used. Raises InputError where left and right show no direction.
+    position (k, 3) m: of k canonical sensors, stream's world, z up, NaN where unknown. Without ankles the stream's own
+    floor is used. Raises InputError if left and right show no direction.
     """
     at = _located(names, position)
     forward = facing_of(at)
@@ -77,30 +75,22 @@ def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> A
     return Alignment(yaw=-arctan2(forward[1], forward[0]), origin=np.array([middle[0], middle[1], floor]))
 
 
-CAPTURE_S = 1.0
-"""Time that the performer stands still."""
-KNOWN_CAPTURE_S = 0.5
-"""The same for a performer of known size: only floor and heading are measured."""
-OTHER_SHARE = 0.1
-"""A performer taller or smaller than the known size by this share is another person, or does not stand upright."""
-STILL_M = 0.03
-"""Largest distance of a sensor from its mean position: breathing and swaying move a head by a centimetre."""
-LIVE_STATURE_M = (1.2, 2.2)
-"""A smaller performer crouches, kneels or sits, or the unit is not metres; a taller one is no human."""
-FRESH_SHARE = 0.9
-"""Share of the capture in which a sensor must be fresh to count."""
-FEWEST = 20
-"""Least number of samples of a capture."""
-MOST = 1000
-"""Largest number of samples that are kept."""
+CAPTURE_S = 1.0  # time of standing still
+KNOWN_CAPTURE_S = 0.5  # the same for a known size, when only floor and heading are measured
+OTHER_SHARE = 0.1  # a stature that differs more from the known one is another person's, or a bent one's
+STILL_M = 0.03  # distance of a sensor from its mean; breathing and swaying move a head by a centimetre
+LIVE_STATURE_M = (1.2, 2.2)  # a smaller performer crouches, kneels or sits, or the unit is wrong
+FRESH_SHARE = 0.9  # of the capture, in which a sensor must be fresh to count
+FEWEST = 20  # samples of a capture
+MOST = 1000  # samples that are kept
 
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
     """The result of a calibration: size, alignment, and the sensors that were missing (not fresh).
 
-    sensors: k names; position (k, 3) m: their joints in our world, NaN for those that did not count. offset (k, 3) m:
-    from the joint to each sensor beyond what was known, in the sensor's canonical axes.
+    sensors: k names; position (k, 3) m: their joints in our world, NaN for missing ones. offset (k, 3) m: from the
+    joint to each sensor beyond the known offset, in the sensor's canonical axes.
     """
 
     dimensions: HumanDimensions
@@ -112,12 +102,12 @@ class Calibrated:
 
 
 def _located(names: Sequence[str], position: FloatArray) -> dict[str, FloatArray]:
-    """Name -> position (3,) of those of positions (k, 3) m that are known."""
+    """The known ones of positions (k, 3) m, by name."""
     return {name: at for name, at in zip(names, position, strict=True) if np.isfinite(at).all()}
 
 
 def frozen_as_fresh(reading: StreamReading) -> StreamReading:
-    """The reading with frozen sensors as fresh ones: the sensors of a performer who stands still need not move."""
+    """The reading with frozen sensors as fresh ones, as those of a performer who stands still may be."""
     states = np.where(reading.states == ValidityState.FROZEN, ValidityState.FRESH, reading.states)
     return replace(reading, states=states.astype(np.uint8))
 
@@ -135,7 +125,7 @@ class RestCapture:
         oriented: bool = True,
     ) -> None:
         """where: the stream, for messages. loose: sensors that may sit beside their joints. needed: sensors that must
-        be fresh, where the performer wears them. oriented: orientations are in canonical axes, and show the front."""
+        be fresh where they are worn. oriented: orientations are in canonical axes, and show the front."""
         self._oriented = oriented
         self._where, self._seconds, self._loose, self._needed = where, seconds, loose, needed
         self._times: deque[float] = deque()
@@ -144,11 +134,11 @@ class RestCapture:
 
     @property
     def done(self) -> bool:
-        """Whether there are samples of long enough."""
+        """True if there are samples of long enough."""
         return len(self._times) >= FEWEST and self._times[-1] - self._began >= self._seconds
 
     def take(self, time: float, sample: SensorSample) -> None:
-        """Take a sample at `time`, s, and forget those older than the capture."""
+        """Take a sample at `time`, s, and drop those older than the capture."""
         self._began = min(self._began, time)
         self._times.append(time)
         self._samples.append(sample)
@@ -160,8 +150,7 @@ class RestCapture:
         """Return size (m) and alignment of the performer. stature: m, if known. size: the known size, which is only
         checked.
 
-        Raises InputError: no fresh data, not still, limbs crossed, sensors of two sides swapped, not standing in a rest
-        pose, or not of that size.
+        Raises InputError: no fresh data, not still, crossed limbs, swapped sides, no rest pose, or another size.
         """
         if not self._samples:
             raise self._refused("no data", "no fresh sample")
@@ -216,7 +205,7 @@ class RestCapture:
         return mean
 
     def _refuse_other(self, at: dict[str, FloatArray], size: HumanDimensions) -> float:
-        """How far (m) the head stands higher than that of a person of this size; 0 where ankles show the floor.
+        """Return the height, m, by which the head is above that of a person of this size; 0 with ankles.
 
         Raises InputError where the difference is more than OTHER_SHARE.
         """

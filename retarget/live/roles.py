@@ -1,6 +1,4 @@
-"""Roles: which pose of a sender is which sensor of the performer, by the sender's convention or by the performer's
-file.
-"""
+"""Roles: the sensors of the performer among a sender's poses, by its convention or the performer's file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,22 +24,21 @@ Quaternion = tuple[float, float, float, float]
 
 _UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
 _NOWHERE: Triple = (0.0, 0.0, 0.0)
-_HAND_FORWARD = 0.13
-"""m by which SlimeVR's hand is forward of the forearm's line, arms hanging (measured, default proportions)."""
-MAX_KNOWN = 64
-"""Different sets of names that are kept: a sender uses a few."""
+_HAND_FORWARD = (
+    0.13  # [m] of SlimeVR's hand forward of the forearm's line, arms hanging (measured, default proportions)
+)
+MAX_KNOWN = 64  # sets of names that are kept: a sender uses a few
 
 Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
 class PoseSource:
-    """The poses of a sender of which a sensor's pose is made. position, orientation: the sender's names of poses, ""
-    for none.
+    """The sender's poses of which a sensor's pose is made. position, orientation: names of poses, "" for none.
 
-    standing: the orientation that is sent, wxyz, of a person who stands upright, faces x and lets the arms hang, thumbs
-    forward. offset: from the joint to the point that is sent, m, in the axes of that pose. loose: the sensor is worn or
-    held beside the joint at an unknown offset, and turns with the segment of the joint.
+    standing: the sent orientation, wxyz, of a person who stands upright, faces x and lets the arms hang, thumbs
+    forward. offset: from the joint to the sent point, m, in the axes of that pose. loose: the sensor sits beside the
+    joint at an unknown offset, and turns with the joint's segment.
     """
 
     position: str
@@ -51,22 +48,22 @@ class PoseSource:
     loose: bool = False
 
     def reflected(self) -> "PoseSource":
-        """The place of the other side's sensor, in poses that are reflected left to right."""
+        """The same for the other side's sensor, in poses that are reflected left to right."""
         w, x, y, z = self.standing
         ahead, left, up = self.offset
         return replace(self, standing=(w, -x, y, -z), offset=(ahead, -left, up))
 
 
 def _places(convention: str) -> dict[str, PoseSource]:
-    """Canonical sensor -> its place, by `skeletons.yaml`."""
+    """Sources of the canonical sensors, by `skeletons.yaml`."""
     sent = names_of_sides(TABLES["senders"][convention])
     both = {sensor: (names, names) if isinstance(names, str) else names for sensor, names in sent.items()}
     return {sensor: PoseSource(*both[sensor]) for sensor in SENSORS if sensor in both}
 
 
 def _from_t_pose(places: dict[str, PoseSource]) -> dict[str, PoseSource]:
-    """Places of a sender whose orientations are the identity in the T-pose: a hanging arm is turned by 90 degrees about
-    forward, the left one to the right."""
+    """The sources of a sender whose orientations are the identity in the T-pose: a hanging arm is then turned by 90
+    degrees about forward."""
     half = float(np.sqrt(0.5))
     return places | {
         name: replace(places[name], standing=(half, turn, 0.0, 0.0))
@@ -77,8 +74,7 @@ def _from_t_pose(places: dict[str, PoseSource]) -> dict[str, PoseSource]:
 
 _SLIMEVR = _places("slimevr")
 CONVENTIONS: dict[str, dict[str, PoseSource]] = {
-    # Its hand is a point in front of the grip, beyond the wrist by a length that the stream does not hold: calibration
-    # begins with that of the default proportions.
+    # SlimeVR's hand is a point in front of the grip. Calibration begins with the offset of the default proportions.
     "slimevr": _SLIMEVR
     | {wrist: replace(_SLIMEVR[wrist], offset=(_HAND_FORWARD, 0.0, 0.0)) for wrist in ("l_wrist", "r_wrist")},
     "slimevr_vrchat": _places("slimevr_vrchat"),
@@ -90,18 +86,16 @@ CONVENTIONS: dict[str, dict[str, PoseSource]] = {
     "json": {sensor: PoseSource(sensor, sensor) for sensor in SENSORS},
     "natnet": {},
 }
-"""Convention -> canonical sensor -> its place in the sender's poses. NatNet's names are the user's own: the performer's
-file has them."""
+"""Sources by convention and canonical sensor. The performer's file has NatNet's names, which the user chooses."""
 
 
-NO_PLACE = PoseSource("", "")
-"""The place of a sensor that a kind of sender does not have, and that is not waited for."""
+NO_PLACE = PoseSource("", "")  # the source of a sensor that a sender lacks, and that is not waited for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorPoses:
-    """The poses of m sensors in a frame. rows (m,): in the performer's order. position (m, 3) m, NaN where none;
-    orientation (m, 4) wxyz, canonical, NaN where none; tracked (m,)."""
+    """The poses of m sensors in a frame. rows (m,): in the performer's order. position (m, 3) m and orientation (m, 4)
+    wxyz, canonical, NaN for none; tracked (m,)."""
 
     rows: Rows
     position: FloatArray
@@ -121,15 +115,15 @@ class Roles:
         partial: bool = False,
         mirrored: bool = False,
     ) -> None:
-        """partial: sensors that the sender does not have take no part, and are not waited for. mirrored: the sender
-        sees the performer in a mirror; places are those of the other side, for poses that are reflected."""
+        """partial: sensors that the sender lacks are not waited for. mirrored: the sender sees the performer in a
+        mirror; places are those of the other side, for reflected poses."""
         self.sensors, self.places, self.convention = tuple(sensors), tuple(places), convention
         self.partial, self.mirrored = partial, mirrored
         self._plan = lru_cache(maxsize=MAX_KNOWN)(self._make)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The sender's names of the poses that are used, each once."""
+        """The sender's names of the used poses, each once."""
         return tuple(dict.fromkeys(name for one in self.places for name in (one.position, one.orientation) if name))
 
     @property
@@ -138,7 +132,7 @@ class Roles:
         return tuple(sensor for sensor, place in zip(self.sensors, self.places, strict=True) if place.loose)
 
     def shifted(self, offset: FloatArray) -> "Roles":
-        """These roles with the offsets of loose sensors increased by offset (k, 3) m, in canonical axes."""
+        """These roles with the offsets of loose sensors increased by (k, 3) m, in canonical axes."""
         places = []
         for place, by in zip(self.places, offset, strict=True):
             x, y, z = (rotations.rotate(rotations.conjugate(place.standing), by) + place.offset).tolist()
@@ -146,7 +140,7 @@ class Roles:
         return Roles(self.sensors, places, convention=self.convention, partial=self.partial, mirrored=self.mirrored)
 
     def take(self, frame: StreamFrame) -> SensorPoses | None:
-        """The sensors of a frame; None where it has none of them."""
+        """The sensors of a frame; None without any."""
         plan = self._plan(frame.names)
         if plan is None:
             return None
@@ -158,7 +152,7 @@ class Roles:
 
     def _make(self, names: tuple[str, ...]) -> tuple[Rows, SensorPlan] | None:
         """Rows (m,) of the sensors among poses of these names, and how they are read; None without one."""
-        column = {name: index for index, name in enumerate(names) if name}  # "" is no name of a place
+        column = {name: index for index, name in enumerate(names) if name}  # "" is no name of a pose
         sent = [
             (row, place)
             for row, place in enumerate(self.places)
@@ -177,11 +171,10 @@ class Roles:
 
 
 def roles_of(performer: Performer, convention: str, *, where: str, mirrored: bool = False) -> Roles:
-    """The performer's sensors by the names of the performer's file, or else by those of a convention.
+    """The performer's sensors by the names of the performer's file, else by those of a convention.
 
-    where: the performer's file, for messages. mirrored: the sender sees the performer in a mirror, so that what it
-    calls left is right. Raises UsageError with every sensor that such a sender does not have. Of
-    a partial file, only the sensors that measuring needs are refused.
+    where: the performer's file, for messages. mirrored: the sender sees the performer in a mirror. Raises UsageError
+    with every sensor that such a sender lacks; of a partial file, only with sensors that measuring needs.
     """
     if convention not in CONVENTIONS:
         allowed, step = ", ".join(CONVENTIONS), suggest(convention, CONVENTIONS)

@@ -1,7 +1,6 @@
-"""Live validity: the state of each sensor of a stream and the messages about its changes, and when a performer is
-followed: debounce of sensors and of a hold.
+"""Live validity: the state of each sensor of a stream, messages about changes, and the debounce of sensors and holds.
 
-Limits and states are those of `retarget.human.pose_validation`, which looks at recordings too.
+Limits and states are those of `retarget.human.pose_validation`.
 """
 
 from collections.abc import Collection, Sequence
@@ -17,23 +16,27 @@ from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import BoolArray, FloatArray, IntArray, News
 
 CAMERA_LIMITS = ValidityLimits(silent_after=0.2, stale_after=0.22)
-"""Of a camera: it gives 15 to 30 pictures a second, and a busy browser leaves one out."""
+"""For a camera of 15 to 30 pictures a second, as a busy browser leaves one out."""
 
 UNTRACKED = "pose that the sender marks as lost"
 NOT_FINITE = "pose that is not finite"
 NOT_A_ROTATION = "orientation that is no unit quaternion"
 OUT_OF_RANGE = "position outside the room"
 UNREACHABLE = "position that no human can have reached"
-REASONS = {1: UNTRACKED, 2: NOT_FINITE, 3: NOT_A_ROTATION, 4: OUT_OF_RANGE, 5: UNREACHABLE}
-"""Why a pose is refused, by the verdict of `Validity`: the first reason where several hold."""
-MOST_NAMED = 6
-"""Sensors that are named when all have changed alike; of more it says that all did."""
+REASONS = {
+    1: UNTRACKED,
+    2: NOT_FINITE,
+    3: NOT_A_ROTATION,
+    4: OUT_OF_RANGE,
+    5: UNREACHABLE,
+}  # reason of a refused pose, by the verdict of `Validity`
+MOST_NAMED = 6  # if more sensors change alike, the message names none
 NO_TIME = "pose at a time that is not finite"
 
 
 def change_text(before: ValidityState, after: ValidityState, seconds: float, *, resettled: bool) -> str:
-    """What has changed, for the user. seconds: how long it has been in the new state, 0 where that is not known.
-    resettled: it is valid again at another place than before its jump."""
+    """A change in words. seconds: time in the new state, 0 if unknown. resettled: it is valid elsewhere than before a
+    jump."""
     symptom = after.name.lower()
     if after is ValidityState.FRESH:
         symptom = "resettled" if resettled else "received" if before is ValidityState.NOT_IN_USE else "fresh"
@@ -43,10 +46,10 @@ def change_text(before: ValidityState, after: ValidityState, seconds: float, *, 
 
 
 class SensorValidity:
-    """The validity of k sensors. Times are s of the local clock; memory is bounded; no data from outside raise.
+    """The validity of k sensors. Times are s of the local clock; memory is bounded; outside data never raise.
 
-    refused: poses that were not used, by reason. A pose that may be used is finite and a rotation, inside the room,
-    tracked by the sender, and within reach of the last one.
+    refused: counts of unused poses by reason. A usable pose is finite, a rotation, inside the room, tracked by the
+    sender, and within reach of the last one.
     """
 
     def __init__(self, names: Sequence[str], limits: ValidityLimits = LIMITS) -> None:
@@ -60,16 +63,16 @@ class SensorValidity:
         self._now = 0.0
 
     def restart(self, limits: ValidityLimits) -> None:
-        """Judge by other limits from now on, as if nothing had come so far: another input takes over."""
+        """Judge by other limits from now on, as another input takes over."""
         self.limits, self._validity = limits, Validity(self._others, limits)
 
     def take(
         self, rows: IntArray, time: float, *, position: FloatArray, orientation: FloatArray, tracked: BoolArray
     ) -> BoolArray:
-        """Judge m poses of one capture at `time`. Returns which may be used, (m,), until the next call.
+        """Judge m poses captured at `time`. Returns the mask (m,) of usable ones, until the next call.
 
-        rows (m,): their sensors, indices into names, each once. position (m, 3) m, world, needed. orientation (m, 4)
-        wxyz, all NaN where it is missing. tracked (m,): False where the sender marks them as lost.
+        rows (m,): their sensors, each once. position (m, 3) m, world. orientation (m, 4) wxyz, NaN where missing.
+        tracked (m,): False where the sender marks them as lost.
         """
         if not isfinite(time):
             self.refused.reasons[NO_TIME] += len(rows)
@@ -88,7 +91,7 @@ class SensorValidity:
         states: StateArray = self._validity.judge(now)
         if states.tobytes() != self._states.tobytes():
             fresh = states == ValidityState.FRESH
-            # That a sensor is received at all is no news.
+            # The first reception of a sensor is no news.
             self._reported[fresh & ~self._was_fresh & (self._reported == ValidityState.STALE)] = ValidityState.FRESH
             self._was_fresh |= fresh
         states.flags.writeable = False
@@ -96,8 +99,7 @@ class SensorValidity:
         return states
 
     def messages(self) -> list[News]:
-        """What has changed since the last call, in sentences for the user, one for all sensors that changed alike. What
-        came and went between needs none."""
+        """Changes since the last call, in sentences for the user, one for all sensors that changed alike."""
         if self._states.tobytes() == self._reported.tobytes():
             return []
         alike: dict[tuple[ValidityState, ValidityState, bool], dict[str, float]] = {}
@@ -118,21 +120,18 @@ class SensorValidity:
         return "all sensors" if len(sensors) == len(self.names) > MOST_NAMED else ", ".join(sensors)
 
     def forget_recovered(self) -> None:
-        """No message about sensors that are fresh now."""
+        """Send no message about sensors that are fresh now."""
         self._reported[self._states == ValidityState.FRESH] = ValidityState.FRESH
 
 
-# Whether something has been good for long enough to be used again.
-
-
 class Debounce:
-    """Becomes true after `LIMITS.healthy` s of good without a break. good: whether it begins as true."""
+    """Becomes true after `LIMITS.healthy` s of good without a break. good: the first state."""
 
     def __init__(self, *, good: bool = False) -> None:
         self.good = good
-        """The answer of the last step."""
+        """Result of the last step."""
         self.tries = 0
-        """How often it began to be good since it was good for long enough."""
+        """Number of times that it became good, but not for long enough."""
         self._since = -np.inf if good else np.inf
 
     def restart(self) -> None:
@@ -140,7 +139,7 @@ class Debounce:
         self.good, self._since = False, np.inf
 
     def step(self, now: float, *, good: bool) -> bool:
-        """Whether it has been good for long enough at `now`, s."""
+        """True if it has been good for long enough at `now`, s."""
         self.tries += good and np.isinf(self._since)
         self._since = min(self._since, now) if good else np.inf
         self.good = now - self._since >= LIMITS.healthy
@@ -149,14 +148,13 @@ class Debounce:
 
 
 class Engagement:
-    """Follows samples, or holds. It begins as after a hold, with the sample that the robot has approached; or,
-    `following`, at once."""
+    """Follows samples, or holds. It begins with a hold at the sample that the robot has approached, or `following`."""
 
     def __init__(self, first: SensorSample, *, following: bool = False) -> None:
         self.wanted = True
-        """Whether the robot is to follow: False while a pedal or key is released."""
+        """True if the robot is to follow; False while a pedal or key is released."""
         self.following = following
-        """Whether samples are followed; else the last one is held."""
+        """True while samples are followed; else the last one is held."""
         self.shown = first
         """The sample that was followed last."""
         self.good = Debounce()  # its `tries` are of this hold
@@ -167,7 +165,7 @@ class Engagement:
         self.good.restart()
 
     def step(self, now: float, sample: SensorSample, *, good: bool) -> SensorSample | None:
-        """The sample to follow at `now`, s; None: hold. good: whether the sensors are valid."""
+        """The sample to follow at `now`, s; None: hold. good: True if the sensors are valid."""
         if not good or not self.wanted:
             self.hold()
             return None
@@ -178,13 +176,13 @@ class Engagement:
 
 
 class SensorDebounce:
-    """Which of k sensors are used: those that are valid, and one that was lost after `LIMITS.healthy` s."""
+    """Selects the sensors that are used: valid ones, and lost ones after `LIMITS.healthy` s."""
 
     def __init__(self, states: StateArray) -> None:
-        """states (k,): of now; what is valid is used at once, by a body that does not move yet."""
+        """states (k,): of now. Valid sensors are used at once, as the body does not move yet."""
         self._since = np.where(states == ValidityState.FRESH, -np.inf, np.inf)
 
     def step(self, states: StateArray, now: float) -> BoolArray:
-        """Which are used (k,), for the states (k,) at `now`, s."""
+        """The mask (k,) of used sensors, for the states (k,) at `now`, s."""
         self._since = np.where(states == ValidityState.FRESH, np.minimum(self._since, now), np.inf)
         return now - self._since >= LIMITS.healthy

@@ -21,8 +21,10 @@ _GONE = np.array([state not in (ValidityState.FRESH, ValidityState.FROZEN) for s
 
 @dataclass(slots=True, eq=False)
 class StreamReading:
-    """k sensors at one time, in the stream's world. position (k, 3) m and orientation (k, 4) wxyz, NaN where never
-    sent; states (k,): a `ValidityState` each. fresh (k,): state FRESH, with a known position."""
+    """k sensors at one time, in the stream's world. position (k, 3) m, orientation (k, 4) wxyz: NaN where never sent.
+
+    states (k,): a `ValidityState` each. fresh (k,): state FRESH, with a known position.
+    """
 
     position: FloatArray
     orientation: FloatArray
@@ -36,12 +38,9 @@ class StreamReading:
             self.fresh &= self.states == ValidityState.FRESH
 
 
-MOST_DECODED = 64
-"""Datagrams that one poll decodes: a whole avatar, bone by bone, and 6,400 a second at 100 Hz."""
-MOST_BYTES_DECODED = 2**15
-"""Bytes that one poll decodes: three whole avatars. A made datagram of so many costs some milliseconds."""
-MOST_ROUNDS = 4
-"""Polls of the receiver in one poll of the stream: a backlog of 512 datagrams is 0.7 s of VRChat OSC."""
+MOST_DECODED = 64  # datagrams of one poll: a whole avatar, bone by bone, and 6,400 a second at 100 Hz
+MOST_BYTES_DECODED = 2**15  # of one poll: three whole avatars; a made datagram of so many costs some milliseconds
+MOST_ROUNDS = 4  # polls of the receiver in one poll of the stream: 512 datagrams are 0.7 s of VRChat OSC
 
 
 def _newest(admitted: list[Datagram]) -> int:
@@ -56,12 +55,11 @@ def _newest(admitted: list[Datagram]) -> int:
 
 
 class LiveStream:
-    """One sender, from its datagrams to the sensors of `roles`. Memory is bounded; no data from outside raise.
+    """One sender, from its datagrams to the sensors of `roles`. Memory is bounded; outside data never raise.
 
-    frames: decoded so far. arrived: datagrams so far, admitted or not; last: s, when the last frame arrived that has a
-    time; captured: s, when the newest was captured. tap: records the admitted datagrams, None: they are not recorded.
-    smoothing: see `SMOOTHINGS`. Raises UsageError for an unknown one. kind: the scheme of the address, "" of the
-    caller's own receiver.
+    frames: decoded so far. arrived: datagrams so far, admitted or not. last: s, arrival of the last frame with a time.
+    captured: s, newest capture. tap: records the admitted datagrams. smoothing: see `SMOOTHINGS`; raises UsageError for
+    an unknown one. kind: the scheme of the address, "" for the caller's own receiver.
     """
 
     def __init__(
@@ -93,19 +91,19 @@ class LiveStream:
 
     @property
     def smoothing(self) -> str:
-        """The name of the smoothing that is used: none on what a camera's decoder smooths."""
+        """The name of the smoothing, which is off for a camera, as its decoder smooths."""
         return OFF if self._camera else self._smoothing
 
     def has_sent(self, sensor: str) -> bool:
-        """Whether the sender has sent a sensor so far, valid or not."""
+        """True if the sender has sent a sensor so far, valid or not."""
         place = self.roles.places[self.roles.sensors.index(sensor)]
         return not self.names.keys().isdisjoint({place.position, place.orientation} - {""})
 
     def poll(self, now: float, *, moving: bool) -> None:
-        """Take what has arrived until `now`, s. moving: whether other sources are kept from taking over the stream.
+        """Take what has arrived until `now`, s. moving: True if no other source may take over the stream.
 
-        Of more than MOST_DECODED datagrams or bytes the newest are decoded: a run that falls behind drops the old ones,
-        and its latency does not grow.
+        Beyond MOST_DECODED datagrams or bytes only the newest are decoded, so that the latency of a slow run does not
+        grow.
         """
         admitted: list[Datagram] = []
         for _ in range(MOST_ROUNDS):

@@ -24,12 +24,10 @@ from retarget.sources.streams.natnet_wire import COMMAND_PORT, DATA_PORT, OLDEST
 from retarget.sources.streams.stream_frame import CONVENTIONS
 from retarget.types import News, Notify
 
-# What to do when something else arrives than the address reads.
-
 
 def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") -> str:
-    """What to do about datagrams `got` at an address of `kind`; "" where the address reads them. recording: the file
-    that holds them, "" for a live stream."""
+    """The remedy for datagrams `got` at an address of `kind`; "" if the address reads them. recording: their file, or
+    ""."""
     symptom = f"instead {got.kind}" if got.kind else f"unread {got.name}"
     if reads(kind, got):
         symptom = f"part {got.detail}"
@@ -40,14 +38,11 @@ def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") ->
     return advice(symptom, kind, sender=KINDS[kind].sender, axes=", ".join(CONVENTIONS), **facts).then
 
 
-# Problems of a NatNet session, and what to set in Motive.
-
-PATIENCE_S = 3.0
-"""Time, s, after which an answer counts as missing."""
+PATIENCE_S = 3.0  # [s] after which an answer counts as missing
 
 
 def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[Problem, ...]:
-    """List the problems at `now`, s, causes before consequences. host: as the user gave it, for the text."""
+    """List the problems at `now`, s, causes before consequences. host: as the user gave it."""
     server, found = session.server, list[Problem]()
 
     def note(symptom: str, *, seen: str = "", **facts: Any) -> None:
@@ -80,16 +75,10 @@ def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[P
     return tuple(found)
 
 
-# Why a stream cannot be used, and what is wrong with it while it runs.
-
-NOTED_S = 0.05
-"""Time, s, without a frame after which counts are noted: what arrives from then on arrives instead of frames."""
-SILENT_S = 1.0
-"""Time without a frame after which the reason is reported."""
-NATNET_S = 2.5
-"""The same where Motive is asked first."""
-MOST_REASONS, MOST_NAMES = 3, 40
-"""Reasons and names that a message lists at most: it stays readable."""
+NOTED_S = 0.05  # [s] without a frame after which counts are noted: later arrivals come instead of frames
+SILENT_S = 1.0  # time without a frame after which the reason is reported
+NATNET_S = 2.5  # the same where Motive is asked first
+MOST_REASONS, MOST_NAMES = 3, 40  # in a message, to keep it readable
 
 
 def refused_counts(stream: LiveStream) -> Counter[str]:
@@ -109,12 +98,12 @@ def _commonest(reasons: Counter[str]) -> str:
 
 
 def _mistake(reasons: Counter[str]) -> str:
-    """The next step for a sender's mistake in every datagram, if it is the commonest reason; else ""."""
+    """The remedy for a sender's mistake in every datagram, if it is the commonest reason; else ""."""
     return advice(f"mistake {_commonest(reasons)}").then
 
 
 def _step(stream: LiveStream, reasons: Counter[str]) -> str:
-    """The next step for what was not used, by its commonest reason."""
+    """The remedy for what was not used, by its commonest reason."""
     admission = stream.admission
     refused = ",".join(address for address, reason in admission.named if reason == NOT_ALLOWED)
     owner = "{}:{}".format(*admission.owner or ("the sender", "any port"))
@@ -165,7 +154,7 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
 
 
 def _instead(stream: LiveStream, where: str) -> tuple[str, str]:
-    """What arrives instead of what the address reads, and the next step; "" each where unknown."""
+    """Description of other data than the address reads, and the remedy; "" each where unknown."""
     got = recognise(stream.undecoded)
     if stream.frames or where.partition("://")[0] not in KINDS or not got.kind:  # also the caller's own source
         return "", ""
@@ -177,7 +166,7 @@ def _instead(stream: LiveStream, where: str) -> tuple[str, str]:
 
 
 def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
-    """The error for a stream on which nothing has arrived, with the address and port that are listened on."""
+    """The error for a stream on which nothing has arrived, with the bound address and port."""
     receiver = stream.receiver
     if not isinstance(receiver, UdpReceiver):
         return refusal(InputError, "nothing arrives", where, stream.kind, waited=waited)
@@ -191,7 +180,6 @@ def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
 
 
 NOTHING = News("")
-"""Nothing is wrong."""
 
 
 def _of_motive(problem: Problem, more: str = "") -> News:
@@ -212,11 +200,11 @@ class StreamProblems:
 
     @property
     def foreign(self) -> bool:
-        """Whether the sender now has a version that cannot be read, whatever its frames look like."""
+        """True if the sender now has a version that cannot be read, whatever its frames look like."""
         return _is_foreign(self._stream)
 
     def look(self, now: float) -> News:
-        """Return what is wrong; "" where nothing is, or where it was reported before."""
+        """Return the problem, once; "" for none."""
         silence = now - self._stream.last
         if silence < NOTED_S:
             self._before = None
@@ -231,7 +219,7 @@ class StreamProblems:
         return reported
 
     def briefly(self, now: float, patience: float) -> str:
-        """What is wrong at `now`, s, in a few words; "" where a frame came within `patience`, s."""
+        """The problem at `now`, s, in a few words; "" where a frame came within `limit`, s."""
         if self.foreign:
             return "the sender's version is not known"
         if now - self._stream.last <= patience:
@@ -241,9 +229,9 @@ class StreamProblems:
         return advice(symptom, self._stream.kind, reasons=_listed(refused_counts(self._stream) - refused)).what
 
     def why(self, now: float) -> News:
-        """Return what is wrong, also where it was reported before; "" for nothing."""
+        """Return the problem, even if it was reported before; "" for none."""
         stream, silence = self._stream, now - self._stream.last
-        # What arrives instead is only known of the time since it was noted.
+        # Arrivals instead of frames are known only since the counts were noted.
         if self._before is None or silence < self._patience or now - self._noted < 0.5 * self._patience:
             return NOTHING
         arrived, refused = self._before
@@ -260,15 +248,12 @@ class StreamProblems:
         return self._stream.arrived, refused_counts(self._stream)
 
 
-# Messages about a stream while it runs, each once: other senders, losses, a clock that jumped.
-
 REPORTED_FROM = {TOO_LONG: ("too long", 1), TOO_MANY: ("too many", 5_000)}
-"""Symptoms and counts from which these are reported: what waited in the kernel while a bus was opened comes at once,
-and is no flood."""
+"""Symptoms and counts from which these are reported: datagrams that waited while a bus was opened are no flood."""
 
 
 class StreamNews:
-    """Watches a stream in every tick. Its messages are few, and bounded however much other senders send."""
+    """Watches a stream in every tick. Its messages are few, however much other senders send."""
 
     def __init__(self, stream: LiveStream, notify: Notify) -> None:
         """notify: receives one sentence for each event."""
@@ -279,7 +264,7 @@ class StreamNews:
         self._overflowed: int | None = None
 
     def look(self) -> None:
-        """Report what has happened since the last look."""
+        """Report all events since the last look."""
         admission, clock = self._stream.admission, self._stream.clock_map
         if admission.refused.count != self._refused:
             self._refused = admission.refused.count
@@ -310,15 +295,12 @@ class StreamNews:
                 self._notify(News(text, symptom))
 
 
-# The report after a live run: what came, what was not used, which sensors were lost, how often the robot held.
-
-MS = 1e3
-"""Milliseconds in a second."""
+MS = 1e3  # milliseconds in a second
 
 
 @dataclass(frozen=True)
 class Holds:
-    """How often the performer was no longer followed, and how long in all, s."""
+    """Number of holds in which the performer was not followed, and their time in all, s."""
 
     count: int
     s: float
@@ -333,20 +315,18 @@ class TimePercentiles:
 
 
 def spread_of(times: Sequence[float]) -> TimePercentiles:
-    """The spread of times, s, of which there is at least one."""
+    """Percentiles of at least one time, s."""
     p50, p99 = np.percentile(np.asarray(times) * MS, (50.0, 99.0)).tolist()
     return TimePercentiles(p50, p99)
 
 
-LATEST = 25
-"""Frames of a second of a camera, over which the latency of now is taken."""
-MOST_TIMED = 100_000
-"""Frames whose way to the goals is kept: the last quarter of an hour of a headset."""
+LATEST = 25  # frames of a second of a camera, over which the present latency is taken
+MOST_TIMED = 100_000  # frames: the last quarter of an hour of a headset
 
 
 class GoalLatency:
-    """How long frames are under way inside this program: from the arrival of each to the first goals after it, which
-    are on the bus. Call `note` when goals were sent."""
+    """Measures the time from the arrival of each frame to the first goals after it. Call `note` when goals were
+    sent."""
 
     def __init__(self, stream: LiveStream) -> None:
         self._stream, self._last = stream, stream.last
@@ -359,7 +339,7 @@ class GoalLatency:
         return float(np.median(latest)) if latest else None
 
     def note(self, now: float) -> None:
-        """Goals were sent at `now`, s."""
+        """Note that goals were sent at `now`, s."""
         if self._stream.last > self._last:
             self._last = self._stream.last
             self.times.append(now - self._last)
@@ -369,12 +349,11 @@ class GoalLatency:
 class LiveReport:
     """The report on a live run's stream.
 
-    frames, datagrams: of the sender from the beginning on, calibration included. dropped: what was not used, by reason:
-    datagrams, frames out of time, and invalid poses. refused: senders that were ignored. lost_s: how long each sensor
-    was invalid while the robot followed or held, for sensors that ever were. playout_delay_ms: at the end. smoothing:
-    of the sensors, see `SMOOTHINGS`. latency_ms: by stage: "goal" from the arrival of a frame to the first goals on the
-    bus after it; of `web://` also "page" from the capture of a picture to its sending, and "network" half of there and
-    back. person: the name under which the performer's size is kept, null without one.
+    frames, datagrams: from the beginning on, calibration included. dropped: counts of unused datagrams, frames and
+    poses, by reason. refused: senders that were ignored. lost_s: time that each sensor was invalid while the robot
+    followed or held. playout_delay_ms: at the end. latency_ms: by stage: "goal" from the arrival of a frame to the
+    first goals after it; of `web://` also "page" from the capture of a picture to its sending, and "network" half of a
+    round trip. person: name of the kept size.
     """
 
     address: str
@@ -401,7 +380,7 @@ class Tally:
         self._ever = False
 
     def count(self, states: StateArray, *, followed: bool) -> None:
-        """Count one tick. states (k,): a `ValidityState` each; followed: whether the performer was followed."""
+        """Count one tick. states (k,): a `ValidityState` each."""
         if np.count_nonzero(states):  # FRESH is 0
             self._lost += (states != ValidityState.FRESH) & (states != ValidityState.NOT_IN_USE)
         self._holds += self._followed and not followed
