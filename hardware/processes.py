@@ -5,28 +5,24 @@ from pathlib import Path
 from hardware.errors import printable
 
 PROCESSES = Path("/proc")
-LONGEST = 90
+LONGEST_COMMAND = 90
 """Longest command line that is shown, characters."""
+MOST_PROCESSES = 100_000
+"""Bound of a search among processes."""
 
 
 def named_process(number: int | str, processes: Path = PROCESSES) -> str:
     """Describe a process, for example `process 12 (retarget servo monitor --robot op3)`; its number alone if its
     command is unknown. The interpreter of a script and all folders are left out."""
-    text = _command(processes / str(number))
-    return f"process {number} ({text})" if text else f"process {number}"
-
-
-MOST_PROCESSES = 100_000
-"""Bound of a search among processes."""
-
-
-def _command(process: Path) -> str:
+    process = processes / str(number)
     try:
         words = (process / "cmdline").read_text(encoding="utf-8", errors="replace").rstrip("\0").split("\0")
         if len(words) > 1 and Path(words[0]).name.startswith("python") and not words[1].startswith("-"):
             del words[0]
         words[0] = Path(words[0]).name or (process / "comm").read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
-        return ""
+        return f"process {number}"
     text = printable(" ".join(words), one_line=True)
-    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+    if len(text) > LONGEST_COMMAND:
+        text = text[: LONGEST_COMMAND - 3] + "..."
+    return f"process {number} ({text})" if text else f"process {number}"

@@ -1,4 +1,4 @@
-"""Checks of one servo's registers before it is driven: complaints, each with its fix; notes; and the values to set."""
+"""Checks of one servo's registers before it is driven: complaints with their fixes, notes, and values to set."""
 
 from typing import NamedTuple
 
@@ -10,9 +10,6 @@ from hardware.dynamixel.settings import OWN_OPTION, ServoImage, differing, eepro
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode, ServoSpec
 
-# Whether a servo's own limits let every goal of its joint through: a servo refuses a goal beyond them without an
-# answer.
-
 
 class Span(NamedTuple):
     """First and last tick."""
@@ -22,14 +19,15 @@ class Span(NamedTuple):
 
 
 def needed_ticks(joint_map: JointMap) -> dict[str, Span]:
-    """Goal ticks that the joints' limits make, by joint; of a coupled pair those of all angles of both joints."""
+    """Return the goal ticks within the joints' limits, by joint. A servo refuses goals beyond its own limits without an
+    answer."""
     first, last = joint_map.tick_limits()
     spans = map(Span, first.tolist(), last.tolist())
     return dict(zip(joint_map.joints, spans, strict=True))
 
 
 def _other_mode(servo: ServoSpec, image: ServoImage, low: int, high: int) -> str:
-    """Which mode the angle limits make that follows no position; "" for none, and where a register has the mode."""
+    """Return the mode without position control that the angle limits select, or ""."""
     if image.has("cw_angle_limit") and not image.has("control_mode"):
         if low == high == 0:
             return "is in wheel mode (both angle limits 0)"
@@ -38,24 +36,17 @@ def _other_mode(servo: ServoSpec, image: ServoImage, low: int, high: int) -> str
     return ""
 
 
-def _limits(servo: ServoSpec, image: ServoImage) -> tuple[str, ...]:
-    """Names of the two registers that limit goals; none where no register does."""
-    if image.has("cw_angle_limit"):
-        return ("cw_angle_limit", "ccw_angle_limit")
-    return ("min_position_limit", "max_position_limit") if servo.mode is ServoMode.POSITION else ()
-
-
 FORBIDDEN = (
     ("drive_mode", 0x01, "reverse: it turns the other way than the profile's direction says"),
     ("drive_mode", 0x02, "follower: it obeys another servo"),
     ("drive_mode", 0x08, "torque on by goal update: a goal alone would switch its torque on"),
     ("startup_configuration", 0x01, "it switches its torque on by itself when it starts"),
 )
-"""Register, bit and meaning of what no servo of a robot may have."""
+"""Register, bit and meaning of forbidden settings."""
 NO_SECONDARY_ID = 255
 """Secondary ID of a servo that has none."""
 LOW_SHARE = 0.5
-"""Share of its maximum below which a limit of the drive is worth a note."""
+"""Share of its maximum below which a drive limit is noted."""
 
 MEANINGS = {
     ServoAlert.INPUT_VOLTAGE: "supply out of the servo's range",
@@ -64,19 +55,16 @@ MEANINGS = {
     ServoAlert.ELECTRICAL_SHOCK: "electrical shock, or too little power for the motor",
     ServoAlert.OVERLOAD: "loaded beyond its maximum for too long",
 }
-"""Meaning of each bit of Hardware Error Status."""
+"""Meanings of the bits of Hardware Error Status."""
 
 
 def alert_text(bits: int) -> str:
-    """Names and meanings of the alert bits."""
+    """Return names and meanings of the alert bits."""
     return ", ".join(alert_names(bits, MEANINGS))
 
 
 def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) -> list[str]:
-    """Reasons why this servo cannot be driven as it is, one text each; empty when it can be.
-
-    needed: ticks that its joint needs, see `needed_ticks`.
-    """
+    """Return the reasons why this servo cannot be driven, one text each. needed: see `needed_ticks`."""
     found, table = [], image.table
     volts = image.value(names_of(table).voltage) / 10
     low, high = image.value("min_voltage_limit") / 10, image.value("max_voltage_limit") / 10
@@ -105,22 +93,24 @@ def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) 
     return found
 
 
-def wishes(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) -> dict[str, int]:
-    """Counts by EEPROM register that follow from the profile: more than opening a bus writes without a question.
+def profile_values(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) -> dict[str, int]:
+    """Return the counts, by EEPROM register, that the profile requires, more than opening a bus writes by itself.
 
-    Harmless bits stay. Id, speed and return delay are not among them. needed: see `complaints`.
+    Id, speed, return delay and harmless bits are excluded. needed: see `needed_ticks`.
     """
     named = {one.register.name: one.value for one in eeprom_settings(servo, bus, image.table)}
-    wanted = {name: value for name, value in named.items() if name not in OWN_OPTION}
+    values = {name: value for name, value in named.items() if name not in OWN_OPTION}
     for _, counts in _corrections(servo, image, needed):
-        wanted |= counts
-    return wanted
+        values |= counts
+    return values
 
 
 def _corrections(servo: ServoSpec, image: ServoImage, needed: Span) -> list[tuple[str, dict[str, int]]]:
-    """What is wrong in EEPROM, each in words that end before the command that corrects it; counts by register."""
+    """Return EEPROM faults, as texts that end before the command that corrects them, with counts by register."""
     found: list[tuple[str, dict[str, int]]] = []
-    names = _limits(servo, image)
+    names = ("min_position_limit", "max_position_limit") if servo.mode is ServoMode.POSITION else ()
+    if image.has("cw_angle_limit"):
+        names = ("cw_angle_limit", "ccw_angle_limit")
     if names:
         low, high = (image.value(name) for name in names)
         mode = _other_mode(servo, image, low, high)
@@ -151,7 +141,7 @@ def _corrections(servo: ServoSpec, image: ServoImage, needed: Span) -> list[tupl
 
 
 def notes(servo: ServoSpec, image: ServoImage) -> list[str]:
-    """Notes about a servo that may be driven: limits that leave it little of its drive."""
+    """Return notes about drive limits that leave a servo weak or slow."""
     names = ["max_torque", "pwm_limit"]
     found = []
     if servo.mode is ServoMode.CURRENT_BASED_POSITION:
@@ -167,7 +157,7 @@ def notes(servo: ServoSpec, image: ServoImage) -> list[str]:
 
 
 def _firmware(bus: BusSpec, image: ServoImage) -> list[str]:
-    """A complaint where the firmware is too old for the watchdog that the bus is to have."""
+    """Return a complaint if the firmware is too old for the required watchdog."""
     table = image.table
     if not bus.watchdog or table.has("bus_watchdog"):
         return []

@@ -15,13 +15,13 @@ from typing import Any, NamedTuple
 from fastcrc.crc16 import umts
 
 BROADCAST = 0xFE
-"""Every device on the line."""
+"""Id of all devices on the line."""
 MAX_ID = 252
 """Highest id of a device in protocol 2.0 (1.0: 253)."""
 STATUS = 0x55
 """Instruction code of a status frame, protocol 2.0."""
 ALERT = 0x80
-"""Bit 7 of a 2.0 status frame's error byte: a Hardware Error Status bit is set; the data are valid."""
+"""Bit 7 of a 2.0 error byte: a Hardware Error Status bit is set. The data are valid."""
 
 
 class Instruction(IntEnum):
@@ -70,10 +70,10 @@ class Error1(IntFlag):
 
 
 class WireFrame(NamedTuple):
-    """One valid frame of a line, stuffing removed.
+    """One valid frame, without stuffing.
 
-    code: the instruction; of a 2.0 status frame STATUS; of a 1.0 status frame its error byte, since a 1.0 frame does
-    not show its sender. params: what follows, without CRC or checksum (a 2.0 status frame: error byte, then data).
+    code: the instruction, or STATUS (2.0), or the error byte of a 1.0 status, since a 1.0 frame does not show its
+    sender. params: the bytes up to the CRC or checksum (2.0 status: error byte, then data).
     """
 
     id: int
@@ -82,7 +82,7 @@ class WireFrame(NamedTuple):
 
 
 class Status(NamedTuple):
-    """What one device answered."""
+    """Answer of one device."""
 
     id: int
     error: int
@@ -90,8 +90,7 @@ class Status(NamedTuple):
 
 
 class Codec(ABC):
-    """What both protocols have in common. Every method that builds a frame raises ValueError for an id, an address or a
-    length that does not exist."""
+    """Frames of one protocol. Methods that build a frame raise ValueError for an impossible id, address or length."""
 
     WIDTH: int
     """Bytes of an address and of a length."""
@@ -100,26 +99,26 @@ class Codec(ABC):
 
     HEADER: bytes
     STATUS_BYTES: int
-    """A status frame without data."""
+    """Bytes of a status frame without data."""
 
     @abstractmethod
     def frame(self, device: int, code: int, params: bytes = b"") -> bytes:
-        """A whole frame; `code` is the instruction."""
+        """Return a whole frame. code: the instruction."""
 
     @abstractmethod
     def status(self, device: int, error: int = 0, data: bytes = b"") -> bytes:
-        """The status frame of one device."""
+        """Return the status frame of one device."""
 
     @abstractmethod
     def status_of(self, received: WireFrame) -> Status | None:
-        """The status of one device in a frame; None where the frame shows that it holds none."""
+        """Return the status of one device in a frame; None if the frame shows that it holds none."""
 
     @abstractmethod
     def parser(self) -> "Parser":
-        """A parser of a stream of bytes."""
+        """Return a parser of a stream of bytes."""
 
     def ping(self, device: int) -> bytes:
-        """Ping; in protocol 2.0 all devices answer a broadcast, in order of their ids."""
+        """Ping. In protocol 2.0 all devices answer a broadcast, in order of their ids."""
         return self.frame(device, Instruction.PING)
 
     def read(self, device: int, address: int, length: int) -> bytes:
@@ -131,7 +130,8 @@ class Codec(ABC):
         return self.frame(device, Instruction.WRITE, self.number(address) + data)
 
     def sync_write(self, address: int, length: int, items: Iterable[tuple[int, bytes]]) -> bytes:
-        """Write the same registers of several devices; none answers. Raises ValueError for data of another length."""
+        """Write the same registers of several devices, without answers. Raises ValueError for data of another
+        length."""
         params = bytearray(self.number(address) + self.number(length))
         for device, data in items:
             if len(data) != length:
@@ -141,14 +141,14 @@ class Codec(ABC):
         return self.frame(BROADCAST, Instruction.SYNC_WRITE, bytes(params))
 
     def number(self, value: int) -> bytes:
-        """An address or a length."""
+        """Encode an address or a length."""
         highest = (1 << 8 * self.WIDTH) - 1
         if not 0 <= value <= highest:
             raise ValueError(f"address or length {value}; allowed: 0 to {highest}")
         return value.to_bytes(self.WIDTH, "little")
 
     def members(self, ids: Iterable[int]) -> bytes:
-        """Ids of a group: those of single devices."""
+        """Encode the ids of a group."""
         members = bytes(ids)
         if members and max(members) > self.MOST_MEMBERS:
             raise ValueError(f"id {max(members)} in a group; allowed: 0 to {self.MOST_MEMBERS}")
@@ -156,64 +156,56 @@ class Codec(ABC):
 
 
 class Protocol1(Codec):
-    """Frames of Protocol 1.0, as the e-Manual has them."""
+    """Frames of Protocol 1.0 (e-Manual)."""
 
     HEADER = b"\xff\xff"
     OVERHEAD = 4
-    """Bytes before LEN counts: header, id and LEN itself."""
+    """Bytes before those that LEN counts."""
     STATUS_BYTES = 6
-    """A status frame without data."""
     MAX_PARAMS = 253
     WIDTH, MOST_MEMBERS = 1, MAX_ID + 1
 
     def frame(self, device: int, code: int, params: bytes = b"") -> bytes:
-        """A whole frame; `code` is the instruction, or the error byte of a status."""
+        """Return a whole frame. code: the instruction, or the error byte of a status."""
         if not 0 <= device <= BROADCAST:
             raise ValueError(f"id {device}; allowed: 0 to 253, and 254 for all")
         if len(params) > self.MAX_PARAMS:
             raise ValueError(f"{len(params)} parameters; allowed: {self.MAX_PARAMS}")
         content = bytes((device, len(params) + 2, code)) + params
-        return self.HEADER + content + bytes((self.checksum(content),))
-
-    def checksum(self, content: bytes) -> int:
-        """Checksum of everything after the header: the inverted sum."""
-        return ~sum(content) & 0xFF
+        return self.HEADER + content + bytes((~sum(content) & 0xFF,))  # checksum: the inverted sum
 
     def status(self, device: int, error: int = 0, data: bytes = b"") -> bytes:
-        """The status frame of one device."""
+        """Return the status frame of one device."""
         return self.frame(device, error, data)
 
     def status_of(self, received: WireFrame) -> Status | None:
-        """Read a frame as a status; a 1.0 frame does not show whether it is one."""
+        """Read a frame as a status. A 1.0 frame does not show whether it is one."""
         return Status(received.id, received.code, received.params)
 
     def bulk_read(self, items: Iterable[tuple[int, int, int]]) -> bytes:
-        """Read registers (id, address, length) of several MX devices; one status each, in order."""
+        """Read registers (id, address, length) of several MX devices, which answer in order with one status each."""
         params = b"\x00" + b"".join(
             bytes((length, *self.members([device]), address)) for device, address, length in items
         )
         return self.frame(BROADCAST, Instruction.BULK_READ, params)
 
     def parser(self) -> "Parser":
-        """A parser. The checksum is one byte: of damaged frames one of 256 passes."""
+        """Return a parser. The checksum is one byte, so one of 256 damaged frames passes."""
         return Parser(_scan1)
 
 
 class Protocol2(Codec):
-    """Protocol 2.0. Byte stuffing: FF FF FD becomes FF FF FD FD, so that no header can appear in a body (instruction to
+    """Protocol 2.0. Byte stuffing turns FF FF FD into FF FF FD FD, so that no header appears in a body (instruction to
     last parameter)."""
 
     HEADER = b"\xff\xff\xfd\x00"
     OVERHEAD = 7
-    """Bytes before LEN counts: header, id and LEN itself."""
+    """Bytes before those that LEN counts."""
     STATUS_BYTES = 11
-    """A status frame without data."""
     MAX_LENGTH = 8192
-    """Longest frame body (LEN) that is built or accepted; more is noise."""
+    """Longest frame body (LEN) that is built or accepted."""
     PATTERN = b"\xff\xff\xfd"
-    """Nowhere in a frame but at its beginning, and where stuffing follows."""
     STUFFED = b"\xff\xff\xfd\xfd"
-    """What stuffing makes of it."""
     WIDTH, MOST_MEMBERS = 2, MAX_ID
 
     def stuff(self, body: bytes) -> bytes:
@@ -225,7 +217,7 @@ class Protocol2(Codec):
         return body.replace(self.STUFFED, self.PATTERN) if self.STUFFED in body else body
 
     def frame(self, device: int, code: int, params: bytes = b"") -> bytes:
-        """A whole frame; `code` is the instruction."""
+        """Return a whole frame. code: the instruction."""
         if not 0 <= device <= BROADCAST or device == 0xFD:
             raise ValueError(f"id {device}; allowed: 0 to 252, and 254 for all")
         body = self.stuff(bytes((code,)) + params)
@@ -236,12 +228,12 @@ class Protocol2(Codec):
         return out + umts(out, 0).to_bytes(2, "little")
 
     def status(self, device: int, error: int = 0, data: bytes = b"") -> bytes:
-        """The status frame of one device."""
+        """Return the status frame of one device."""
         return self.frame(device, STATUS, bytes((error,)) + data)
 
     def status_of(self, received: WireFrame) -> Status | None:
-        """The status of one device in a frame; None for an instruction (of an adapter that echoes, say) and for the
-        reply to a fast read, which holds several."""
+        """Return the status of one device; None for an instruction, such as an echo, and for a fast reply, which holds
+        several."""
         if received.code != STATUS or not received.params or received.id == BROADCAST:
             return None
         return Status(received.id, received.params[0], received.params[1:])
@@ -252,24 +244,18 @@ class Protocol2(Codec):
         return self.frame(BROADCAST, code, self.number(address) + self.number(length) + self.members(ids))
 
     def parser(self) -> "Parser":
-        """Make a parser of a stream of frames."""
+        """Return a parser of a stream of bytes."""
         return Parser(_scan2)
 
 
 protocol1, protocol2 = Protocol1(), Protocol2()
 CODECS: dict[int, Codec] = {1: protocol1, 2: protocol2}
-"""By protocol."""
-
-
-# Incremental parsers: bytes in, valid frames out; garbage is skipped and counted, memory is bounded.
+"""Codecs by protocol."""
 
 
 class ScanResult(NamedTuple):
-    """What a scan found.
-
-    used: bytes of all `frames`. at: where bytes begin that may still become a frame (the end: nowhere). clear: bytes
-    from there on in which no second header begins: they need no second look.
-    """
+    """Result of a scan. used: bytes of all `frames`. at: where an incomplete frame may begin, or the end. clear: bytes
+    from there without a second header, which need no second scan."""
 
     frames: list[WireFrame]
     used: int
@@ -278,46 +264,42 @@ class ScanResult(NamedTuple):
 
 
 Scan = Callable[[bytes, int], ScanResult]
-"""From bytes, the first so many of which hold no header but the one that they begin with."""
+"""Scans bytes, the first so many of which hold no second header."""
 
 
 class Parser:
-    """Frames of one protocol. Between two calls it holds less than one frame's bytes. The frames depend on the bytes
-    alone, never on the pieces in which they came."""
+    """Incremental parser of one protocol. Frames depend on the bytes alone, not on their pieces. Between calls it holds
+    less than one frame."""
 
     def __init__(self, scan: Scan) -> None:
         self._scan = scan
-        self._pending = b""
+        self.pending = b""
+        """Bytes that may still become a frame."""
         self._clear = 0
         self.skipped = 0
         """Bytes so far that belonged to no valid frame."""
 
-    @property
-    def pending(self) -> bytes:
-        """What may still become a frame."""
-        return self._pending
-
     def reset(self) -> None:
-        """Forget what is pending."""
-        self.skipped += len(self._pending)
-        self._pending, self._clear = b"", 0
+        """Discard pending bytes."""
+        self.skipped += len(self.pending)
+        self.pending, self._clear = b"", 0
 
     def feed(self, data: bytes | bytearray) -> list[WireFrame]:
-        """All frames that `data` completes, in order."""
-        buffer = self._pending + data
+        """Return all frames that `data` completes, in order."""
+        buffer = self.pending + data
         frames, used, at, self._clear = self._scan(buffer, self._clear)
         self.skipped += at - used
-        self._pending = buffer[at:]
+        self.pending = buffer[at:]
         return frames
 
     def flush(self) -> list[WireFrame]:
-        """The line has fallen silent: no frame that has begun will be completed. Frames that lie inside one (its length
-        was damaged, say); nothing is pending afterwards."""
+        """Return the frames inside an unfinished one, whose length was damaged, once the line is silent. Nothing stays
+        pending."""
         frames: list[WireFrame] = []
-        while self._pending:
-            behind = self._pending[1:]
+        while self.pending:
+            behind = self.pending[1:]
             self.skipped += 1
-            self._pending, self._clear = b"", 0
+            self.pending, self._clear = b"", 0
             frames += self.feed(behind)
         return frames
 
@@ -327,10 +309,10 @@ _CRC = Struct("<H").unpack_from
 
 
 def _scan2(buffer: bytes, clear: int) -> ScanResult:
-    """Frames of protocol 2.0.
+    """Scan for frames of protocol 2.0.
 
-    Stuffing keeps headers out of a body, so one inside ends a broken frame at once: a damaged length costs no more than
-    its own frame. A fast status is not stuffed: only its length shows where it ends.
+    Stuffing keeps headers out of a body, so one inside ends a broken frame at once. A fast status is not stuffed, so
+    only its length shows where it ends.
     """
     header, overhead = protocol2.HEADER, protocol2.OVERHEAD
     frames: list[WireFrame] = []
@@ -363,7 +345,7 @@ def _scan2(buffer: bytes, clear: int) -> ScanResult:
 
 
 def _scan1(buffer: bytes, _clear: int) -> ScanResult:
-    """Frames of protocol 1.0. Any bytes may stand in a body, so only its length shows where a frame ends."""
+    """Scan for frames of protocol 1.0. A body may hold any bytes, so only its length shows where a frame ends."""
     header, overhead = protocol1.HEADER, protocol1.OVERHEAD
     frames: list[WireFrame] = []
     used, begin, size = 0, 0, len(buffer)
@@ -387,7 +369,7 @@ def _scan1(buffer: bytes, _clear: int) -> ScanResult:
 
 
 def _tail(buffer: bytes, begin: int, header: bytes) -> int:
-    """Where the longest beginning of a header starts that ends `buffer`; not before `begin`."""
+    """Return the start of the longest header prefix that ends `buffer`, not before `begin`."""
     size = len(buffer)
     for count in range(len(header) - 1, 0, -1):
         if size - begin >= count and buffer.endswith(header[:count]):
@@ -398,27 +380,27 @@ def _tail(buffer: bytes, begin: int, header: bytes) -> int:
 # The one reply of a Fast Sync or Fast Bulk Read, part by part: the parts before a gap are valid.
 
 BEFORE_PARTS = 8
-"""Bytes before the first part: header, id, LEN, instruction."""
+"""Bytes before the first part of a fast reply: header, id, LEN, instruction."""
 PART_OVERHEAD = 4
 """Bytes of a part in addition to its data: error, id, CRC."""
 
 
 def fast_length(sizes: Sequence[int]) -> int:
-    """Bytes of the whole reply with so many bytes of data in each part."""
+    """Return the bytes of a fast reply whose parts have these numbers of data bytes."""
     return BEFORE_PARTS + sum(sizes) + PART_OVERHEAD * len(sizes)
 
 
 def fast_start(sizes: Sequence[int]) -> bytes:
-    """The bytes before the first part."""
+    """Return the bytes before its first part."""
     length = fast_length(sizes) - protocol2.OVERHEAD
     return protocol2.HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,))
 
 
 def valid_parts(reply: bytes, sizes: Sequence[int]) -> list[Status]:
-    """The parts of a reply, maybe incomplete or damaged, up to the first that is not complete and valid.
+    """Return the parts of a fast reply, up to the first incomplete or damaged one.
 
-    reply: from its header on. sizes: bytes of data of each part, as asked. Each part's CRC runs over everything sent
-    so far, earlier CRCs included (e-Manual, Fast Sync Read).
+    reply: from its header on. sizes: data bytes of each part. Each part's CRC covers everything before it, earlier CRCs
+    included (e-Manual, Fast Sync Read).
     """
     if not reply.startswith(fast_start(sizes)):
         return []
@@ -436,25 +418,20 @@ def valid_parts(reply: bytes, sizes: Sequence[int]) -> list[Status]:
     return parts
 
 
-# The answers of several servos to one request, side by side.
-
-
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """Answers of k servos: ids, in the order in which they came; error bytes (k); data, one after the other (k *
-    size)."""
+    """Answers of k servos: ids in the order of arrival; error bytes (k); data, concatenated (k * size)."""
 
     ids: tuple[int, ...] = ()
     errors: bytes = b""
     data: bytes = b""
 
     def __len__(self) -> int:
-        """Number of servos."""
         return len(self.ids)
 
     @property
     def statuses(self) -> list[Status]:
-        """Yield the status frames one by one."""
+        """The answers one by one."""
         size = len(self.data) // len(self.ids) if self.ids else 0
         return [
             Status(device, self.errors[k], self.data[k * size : (k + 1) * size]) for k, device in enumerate(self.ids)
@@ -462,7 +439,7 @@ class Answers:
 
 
 def side_by_side(statuses: Sequence[Status]) -> Answers:
-    """Answers of equal size."""
+    """Join answers of equal size."""
     return Answers(
         tuple([status.id for status in statuses]),
         bytes([status.error for status in statuses]),
@@ -470,15 +447,13 @@ def side_by_side(statuses: Sequence[Status]) -> Answers:
     )
 
 
-# The reply to a fast read where it is complete and valid, as in nearly every cycle: checked at once.
-
 LAYOUTS = 512
-"""Different requests that are remembered."""
+"""Size of the cache of fast replies' layouts."""
 
 
 class _Layout(NamedTuple):
-    """length: of the whole reply. unpack: splits it into its beginning, and error byte, id, data and CRC of each servo
-    in turn. begins: how it begins. summed: the bytes by which the CRC of each part goes on from the one before."""
+    """Layout of a fast reply. length: of the whole reply. unpack: splits it into its start, and error byte, id, data
+    and CRC of each servo. begins: its start. summed: the bytes that each CRC adds to the one before."""
 
     length: int
     unpack: Callable[[bytes], tuple[Any, ...]]
@@ -487,10 +462,10 @@ class _Layout(NamedTuple):
 
 
 def whole_reply(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None:
-    """Answers of all `ids` to a Fast Sync Read of `size` bytes of each; None for a reply that is not complete and
-    valid, or in which a servo refuses: its data mean nothing.
+    """Return the answers of all `ids` to a Fast Sync Read of `size` bytes; None for an incomplete or damaged reply, or
+    if a servo refuses.
 
-    Each part's CRC is of everything before it, earlier CRCs included (e-Manual, Fast Sync Read).
+    Each part's CRC covers everything before it, earlier CRCs included (e-Manual, Fast Sync Read).
     """
     length, unpack, begins, summed = _layout(ids, size)
     if len(reply) != length:

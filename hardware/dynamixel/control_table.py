@@ -1,4 +1,4 @@
-"""Control tables: what every register of a servo model means, in the protocol and firmware that it runs."""
+"""Control tables: the registers of a servo model, by protocol and firmware."""
 
 import csv
 from collections.abc import Iterator
@@ -9,19 +9,15 @@ from pathlib import Path
 from hardware.errors import HardwareError
 from hardware.servo import Layout, find_model
 
-# One register of a control table: where it lies, what its bytes mean, what may be written.
-
 
 @dataclass(frozen=True)
 class Register:
-    """`size` bytes at `address`, little-endian; one count is `scale` of the SI `unit`, both None for plain counts.
+    """`size` bytes at `address`, little-endian. One count is `scale` of the SI `unit`; both None for plain counts.
 
-    A signed register holds two's complement, unless `direction_bit` is set (speeds and loads of the older layout): then
-    that bit says clockwise, hence negative, and the bits below it hold the magnitude. `bits`: of the counts, one for
-    each bit of the bytes from the lowest on, where a table numbers its hardware errors in its own way. `lowest`,
-    `highest`: the widest range that may be written, counts, None without a limit of its own; what limit registers and
-    modes narrow is not in it.
-    `initial`: the maker's default in counts, None where the servo itself finds it at start.
+    A signed register holds two's complement, or sign and magnitude if it has a `direction_bit` (speeds and loads of the
+    older layout: set is clockwise, hence negative). bits: meaning of each bit from the lowest on, for hardware errors
+    that are numbered in another order. lowest, highest: widest writable range, counts; None: unlimited. initial:
+    default, counts; None if the servo measures it at start.
     """
 
     name: str
@@ -57,7 +53,7 @@ class Register:
         return (1 << (8 * self.size - self.signed)) - 1
 
     def decode(self, data: bytes) -> int:
-        """Return the counts in `data`, exactly `size` bytes. Raises ValueError for another length."""
+        """Return the counts in `data`. Raises ValueError for another length than `size`."""
         if len(data) != self.size:
             raise ValueError(f"{self.name} has {self.size} bytes, not {len(data)}")
         if self.bits:
@@ -80,7 +76,7 @@ class Register:
         return counts.to_bytes(self.size, "little", signed=self.signed)
 
     def allows(self, counts: int) -> bool:
-        """Whether `counts` lies within `lowest` and `highest`."""
+        """True if `counts` lies within `lowest` and `highest`."""
         return (self.lowest is None or counts >= self.lowest) and (self.highest is None or counts <= self.highest)
 
 
@@ -99,12 +95,12 @@ _NOTHING = "none"
 
 @dataclass(frozen=True)
 class ControlTable:
-    """The registers of one model, ascending by address, as firmware `firmware[0]` to `firmware[1]` has them.
+    """Registers of one model, ascending by address, for firmware `firmware[0]` to `firmware[1]`.
 
-    `number` is what the servo answers in its model number register, `eeprom_end` the first address of the RAM area,
-    `fast_since` the first firmware that answers Fast Sync Read and Fast Bulk Read, `modes` its operating modes (none in
-    the older layout), `usual_firmware` a version of this range for an emulated servo, `baud_family` names the codes of
-    its baud rate register. `layers` of rows make the registers, see `registers_of`; a row of `models.tsv` has none yet.
+    number: content of the model number register. fast_since: first firmware with Fast Sync Read and Fast Bulk Read.
+    modes: operating modes (none in the older layout). usual_firmware: version of an emulated servo. baud_family: names
+    the codes of the baud rate register. layers: of rows that make the registers; a row of `models.tsv` has no registers
+    yet.
     """
 
     model: str
@@ -120,18 +116,18 @@ class ControlTable:
 
     @property
     def fast_read(self) -> bool:
-        """Whether it answers Fast Sync Read and Fast Bulk Read."""
+        """True if it supports Fast Sync Read and Fast Bulk Read."""
         return self.fast_since is not None and self.firmware[0] >= self.fast_since
 
     @property
     def eeprom_end(self) -> int:
-        """First address of the RAM area, which begins with Torque Enable (e-Manual, all models); a device that is no
+        """First address of the RAM area, which begins with Torque Enable (e-Manual, all models). A device that is no
         servo has none."""
         return self["torque_enable"].address if self.has("torque_enable") else self.size
 
     @property
     def layout(self) -> Layout:
-        """The layout that it has in common with other models."""
+        """Layout of the model with this protocol."""
         return find_model(self.model).layout_in(self.protocol)
 
     @cached_property
@@ -155,17 +151,17 @@ class ControlTable:
         return register
 
     def has(self, name: str) -> bool:
-        """Whether there is a register of that name."""
+        """True if there is a register of that name."""
         return name in self._by_name
 
     @property
     def p_gain(self) -> Register | None:
-        """The register of the position loop's P gain; None for a loop without one (AX-12A)."""
+        """Register of the position P gain; None for a loop without one (AX-12A)."""
         return self._by_name.get("p_gain" if self.layout is Layout.OLDER else "position_p_gain")
 
 
 def rows_of(file: str) -> Iterator[dict[str, str]]:
-    """Yield the rows of a file in `tables/` by column, spaces trimmed; lines that begin with # are remarks."""
+    """Yield the rows of a file in `tables/` by column. Lines that begin with # are remarks."""
     with (_FOLDER / file).open(encoding="utf-8", newline="") as stream:
         lines = (line for line in stream if not line.startswith("#"))
         for row in csv.DictReader(lines, delimiter="\t", quoting=csv.QUOTE_NONE, restval=""):
@@ -174,7 +170,7 @@ def rows_of(file: str) -> Iterator[dict[str, str]]:
 
 @cache
 def model_rows() -> tuple[ControlTable, ...]:
-    """Every model, in the order of the file."""
+    """Return every model, in the order of the file."""
     return tuple(
         ControlTable(
             model=row["model"],
@@ -192,7 +188,7 @@ def model_rows() -> tuple[ControlTable, ...]:
 
 @cache
 def layer_rows() -> dict[str, list[dict[str, str]]]:
-    """The rows of every layer, by its name: the cells that are filled in, by column."""
+    """Return the rows of every layer, by its name: the filled cells by column."""
     layers: dict[str, list[dict[str, str]]] = {}
     for file in ("registers.tsv", "values.tsv"):
         for row in rows_of(file):
@@ -202,14 +198,14 @@ def layer_rows() -> dict[str, list[dict[str, str]]]:
 
 
 def _rows(model: ControlTable) -> Iterator[tuple[int, int, dict[str, str]]]:
-    """The rows of a model's layers, in the order in which they apply: first and last firmware, and cells."""
+    """Yield the rows of a model's layers in order: first and last firmware, and cells."""
     for layer in model.layers:
         for row in layer_rows()[layer]:
             yield int(row.get("since", 0)), int(row.get("until", LAST_FIRMWARE)), row
 
 
 def firmware_starts(model: ControlTable) -> tuple[int, ...]:
-    """The firmware versions at which the model's table changes, ascending, 0 the first."""
+    """Return the firmware versions at which the model's table changes, ascending from 0."""
     starts = {0, model.fast_since or 0}
     for since, until, _ in _rows(model):
         starts |= {since, until + 1}
@@ -217,7 +213,7 @@ def firmware_starts(model: ControlTable) -> tuple[int, ...]:
 
 
 def registers_of(model: ControlTable, firmware: int) -> tuple[Register, ...]:
-    """Return the model's registers as `firmware` has them, ascending by address."""
+    """Return the model's registers for `firmware`, ascending by address."""
     merged: dict[str, dict[str, str]] = {}
     for since, until, row in _rows(model):
         if since <= firmware <= until:
@@ -228,7 +224,7 @@ def registers_of(model: ControlTable, firmware: int) -> tuple[Register, ...]:
 
 
 def _registers(name: str, cells: dict[str, str]) -> Iterator[Register]:
-    """The registers of one row: one, or as many as the brackets of its name say."""
+    """Yield the registers of one row, as many as the brackets of its name give."""
     stem, _, span = name.partition("[")
     first, last = (int(end) for end in span.rstrip("]").split(":")) if span else (0, 0)
     filled = {column: cell for column, cell in cells.items() if cell != _NOTHING}
@@ -254,19 +250,18 @@ def _registers(name: str, cells: dict[str, str]) -> Iterator[Register]:
 
 
 def _whole(cell: str | None) -> int | None:
-    """A whole number or None."""
     return None if cell is None else int(cell)
 
 
 def tables() -> tuple[ControlTable, ...]:
-    """Every table there is: each model, protocol and range of firmware."""
+    """Return every table: each model, protocol and range of firmware."""
     return tuple(_table(row, first) for row in model_rows() for first in firmware_starts(row))
 
 
 def find_table(model: str, protocol: int, firmware: int | None = None) -> ControlTable:
-    """Return the table of a model, by its name in `hardware.servo`, as `firmware` (0 to 255, None: a usual one) has it.
+    """Return the table of a model (a name in `hardware.servo`) for `firmware` (0 to 255; None: a usual one).
 
-    Raises HardwareError for an unknown model, and for a protocol that the model does not speak.
+    Raises HardwareError for an unknown model, or a protocol that it does not support.
     """
     name = find_model(model).name
     rows = {row.protocol: row for row in model_rows() if row.model == name}
@@ -282,65 +277,64 @@ def find_table(model: str, protocol: int, firmware: int | None = None) -> Contro
 
 
 def table_of_number(number: int, firmware: int | None = None) -> ControlTable | None:
-    """Return the table of the model that reports `number`, None for a model without a table."""
+    """Return the table of the model that reports `number`, or None."""
     return next((_table_at(row, firmware) for row in model_rows() if row.number == number), None)
 
 
 def usual_table(protocol: int) -> ControlTable:
-    """The table of the layout that most servos of a protocol have, for those of models that are not known here."""
+    """Return the most common table of a protocol, for servos of unknown models."""
     return find_table({1: "MX-28", 2: "XM430-W350"}[protocol], protocol)
 
 
 def _table_at(row: ControlTable, firmware: int | None) -> ControlTable:
-    """The table of a model whose range holds `firmware`."""
-    wanted = row.usual_firmware if firmware is None else firmware
-    return _table(row, max(start for start in firmware_starts(row) if start <= max(wanted, 0)))
+    version = row.usual_firmware if firmware is None else firmware
+    return _table(row, max(start for start in firmware_starts(row) if start <= max(version, 0)))
 
 
 @cache
 def _table(row: ControlTable, first: int) -> ControlTable:
-    """The table of the range of firmware that begins at `first`."""
+    """Return the table of the firmware range that begins at `first`."""
     later = [start for start in firmware_starts(row) if start > first]
     last = min(later) - 1 if later else LAST_FIRMWARE
     usual = min(max(row.usual_firmware, first), last)
     return replace(row, firmware=(first, last), usual_firmware=usual, registers=registers_of(row, first))
 
 
-# Codes of the baud rate register <-> bits per second, by the table's family.
-
-_DIVIDED = 2_000_000  # [bits/s] protocol 1.0: divided by code + 1
-_TOLERANCE = 0.01  # of the rate; a UART stands about 3 %, both ends together
+DIVIDED_BAUD = 2_000_000
+"""[bits/s] Protocol 1.0: divided by the code of the baud rate register + 1."""
+DIVIDED_TOLERANCE = 0.01
+"""Tolerated share of such a rate. A UART tolerates about 3 %, both ends together."""
 
 
 @cache
 def _listed(family: str) -> dict[int, int]:
-    """Bits per second by code, as the maker lists them for one family."""
+    """Return the bits per second by code, as the maker lists them for a family."""
     rows = rows_of("baud_rates.tsv")
     return {int(row["code"]): int(row["baud"]) for row in rows if family in row["families"].split()}
 
 
 def baud_of(table: ControlTable, code: int) -> int | None:
-    """Return the nominal bits per second of a code, None for a code that the model does not have."""
+    """Return the nominal bits per second of a code, or None."""
     if not table["baud_rate"].allows(code):
         return None
     listed = _listed(table.baud_family).get(code)
-    return round(_DIVIDED / (code + 1)) if listed is None and table.protocol == 1 else listed
+    return round(DIVIDED_BAUD / (code + 1)) if listed is None and table.protocol == 1 else listed
 
 
 def fastest_baud(table: ControlTable) -> int:
-    """Highest speed that a servo with this table can be set to, bits per second."""
+    """Return the highest speed of a servo with this table, bits/s."""
     register = table["baud_rate"]
     return max(baud_of(table, code) or 0 for code in range((register.highest or 0) + 1))
 
 
 def code_of(table: ControlTable, baud: int) -> int | None:
-    """Return the code whose rate is `baud` bits/s, in protocol 1.0 to 1 %; None if the model does not have it."""
+    """Return the code of `baud` bits/s, or None. A divided rate may differ by DIVIDED_TOLERANCE."""
     register = table["baud_rate"]
     for code, listed in _listed(table.baud_family).items():
         if listed == baud and register.allows(code):
             return code
     if table.protocol != 1 or baud <= 0:
         return None
-    code = round(_DIVIDED / baud) - 1
+    code = round(DIVIDED_BAUD / baud) - 1
     rate = baud_of(table, code)
-    return code if rate is not None and abs(rate - baud) <= _TOLERANCE * baud else None
+    return code if rate is not None and abs(rate - baud) <= DIVIDED_TOLERANCE * baud else None

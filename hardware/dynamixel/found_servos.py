@@ -16,15 +16,13 @@ from hardware.dynamixel.single_requests import FoundServo, NoAnswer, OneOff, Ser
 from hardware.errors import BusError
 from hardware.servo import ServoSpec, find_model
 
-# Servos whose Status Return Level is 0: they answer pings, and carry out everything else without an answer.
-
 LEVEL = "status_return_level"
-"""The register of it."""
+"""Register of the status return level. At 0 a servo answers pings only."""
 PINGS_ONLY = "answers pings only (status return level 0)"
 
 
 def answers_pings_only(client: OneOff, device: int) -> bool:
-    """Whether a servo answers a ping, but no read. Raises BusError when the port is gone."""
+    """True if a servo answers a ping, but no read. Raises BusError when the port is gone."""
     try:
         client.read_block(device, 0, 2)  # the model number of every servo
     except NoAnswer as silence:
@@ -36,20 +34,19 @@ def answers_pings_only(client: OneOff, device: int) -> bool:
 
 
 Placed = tuple[int, ServoSpec]
-"""A servo and its place in the robot's order."""
-SLACK = 0.001
-"""[s] That an unknown id's answer to a ping may be late."""
-LONGEST = 2.0
-"""[s] That the search for unknown ids of protocol 1.0 may take: about 1 s at 1 Mbps, 1.7 s at 57,600."""
+"""A servo with its place in the robot's order."""
+PING_SLACK = 0.001
+"""[s] Possible delay of an unknown id's answer to a ping."""
+LONGEST_SEARCH = 2.0
+"""[s] Bound of the search for unknown 1.0 ids: about 1 s at 1 Mbps, 1.7 s at 57,600."""
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """Result of a look at a bus. line: every servo that is expected; its `images` are of those that answered.
+    """Result of a look at a bus.
 
-    silent: ids of the profile that did not answer. missing: servos that did not answer, or not every read; unknown:
-    servos that the profile does not have, or whose model is not known here. wrong: findings that keep the robot from
-    being driven; notes: other findings; a line each.
+    silent: ids of the profile that did not answer. missing: servos that did not answer every read. unknown: servos that
+    are not in the profile, or of unknown models. wrong: findings that keep the robot from being driven. notes: others.
     """
 
     line: BusLine
@@ -61,10 +58,10 @@ class Look:
 
 
 def servos_on(line: BusLine) -> tuple[list[FoundServo], list[str]]:
-    """Return the servos that answer on an open port, by id; and notes. Raises BusError when the port is gone.
+    """Return the servos that answer on an open port, by id, and notes. Raises BusError when the port is gone.
 
-    2.0: one broadcast ping, received to its end, so that no late answer disturbs the next request. 1.0 has none: each
-    id is pinged, unexpected ones once.
+    2.0: one broadcast ping, received to its end, so that no late answer disturbs the next request. 1.0: each id is
+    pinged, unexpected ones once.
     """
     client, expected = line.client, line.spec.ids
     if client.protocol == 2:
@@ -72,18 +69,18 @@ def servos_on(line: BusLine) -> tuple[list[FoundServo], list[str]]:
         return [one for one in answering if one.id in expected or one.model is not None], []  # noise is no servo
     found = {one.id: one for one in client.scan(expected)}
     others = [device for device in range(MAX_ID + 2) if device not in expected]
-    each = ping_time(line.port, 1, MAX_RETURN_DELAY + line.port.latency + SLACK)
-    if len(others) * each > LONGEST:
+    each = ping_time(line.port, 1, MAX_RETURN_DELAY + line.port.latency + PING_SLACK)
+    if len(others) * each > LONGEST_SEARCH:
         return [*found.values()], ["too slow to look for servos that are not in the profile"]
     for device in others:
-        one = client.probe(device, SLACK)
+        one = client.probe(device, PING_SLACK)
         if one is not None and (one.model is not None or not one.clash):  # noise is no servo
             found[device] = one
     return [found[device] for device in sorted(found)], []
 
 
 def look_at_bus(line: BusLine) -> Look:
-    """Find and read the servos of a bus at its speed; the first that are missing are looked for at other speeds.
+    """Find and read the servos of a bus. The first missing ones are looked for at other speeds.
 
     Raises BusError when the port is gone.
     """
@@ -96,7 +93,7 @@ def look_at_bus(line: BusLine) -> Look:
 
 
 def look(line: BusLine, sightings: Sequence[Sighting]) -> Look:
-    """Read all servos that were found, at the speed of the bus; `line` adopts them. Raises BusError when the port is
+    """Read all servos that were found at the speed of the bus, and adopt them. Raises BusError when the port is
     gone."""
     seen = {one.found.id: one for one in sightings}
     wrong, images = [], {}
@@ -131,7 +128,7 @@ def look(line: BusLine, sightings: Sequence[Sighting]) -> Look:
 
 
 def _read(line: BusLine, servo: ServoSpec, one: Sighting) -> tuple[str, ServoImage | None]:
-    """What is wrong with a servo that answered, in words to follow its name; and its registers where they are read."""
+    """Return the fault of a servo that answered, without its name, and its registers if they are read."""
     image, wrong = None, ""
     try:
         if one.table is None:
@@ -151,7 +148,7 @@ def _read(line: BusLine, servo: ServoSpec, one: Sighting) -> tuple[str, ServoIma
 
 
 def _is_unknown(one: Sighting, line: BusLine) -> bool:
-    """Whether a servo that was not read is of a model without a table here, or not in the profile."""
+    """True if a servo that was not read is of an unknown model, or not in the profile."""
     device = one.found.id
     if one.found.model == opencr.NUMBER:  # no servo
         return False
@@ -161,9 +158,9 @@ def _is_unknown(one: Sighting, line: BusLine) -> bool:
 
 
 def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple[BusSpec, list[Placed]]:
-    """A bus without a profile: the servos that answered, in order of their ids, from place `first` on.
+    """Return a bus without a profile: the servos that answered, by id, from place `first` on.
 
-    Servos of unknown models are left out. Raises BusError when there are several speeds.
+    Servos of unknown models are left out. Raises BusError for several speeds.
     """
     speeds = sorted({one.speed for one in sightings})
     if len(speeds) != 1:
@@ -180,7 +177,7 @@ def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple
 
 
 def _servo(sighting: Sighting, bus: str) -> ServoSpec:
-    """A servo without a profile, of a known model: its angle is that of its shaft."""
+    """Return a servo without a profile. Its joint angle is that of the shaft."""
     table = sighting.table
     assert table is not None
     model, device = find_model(table.model), sighting.found.id
@@ -200,41 +197,37 @@ def _servo(sighting: Sighting, bus: str) -> ServoSpec:
 
 
 def is_powered(client: OneOff, switch: PowerSwitch) -> bool:
-    """Whether a device has the servos' power on. Raises BusError (NoAnswer, ServoError) when it does not say."""
+    """True if a device has the servos' power on. Raises BusError (NoAnswer, ServoError) without a valid answer."""
     return client.read_block(switch.id, switch.register, 1)[0] == switch.value
 
 
 def switch_power_on(port: BytePort, client: OneOff, switch: PowerSwitch) -> None:
-    """Switch the servos' power on, and wait until they have started. Raises BusError (NoAnswer, ServoError) when the
-    device does not do it."""
+    """Switch the servos' power on, and wait for their start. Raises BusError (NoAnswer, ServoError) if that fails."""
     register = Register("power", switch.register, 1, False, True, None, None, 0, 255, None)
     client.write(switch.id, register, switch.value, verify=True)
     port.sleep_until(port.now() + switch.wait)
 
 
-# Torque off by broadcasts at all speeds: quicker than any search, and no servo need be known.
-#
-# No servo confirms a broadcast. The caller looks for the servos afterwards, and asks each.
-
-TIMES = 2
-"""Times that each packet is sent: one may be lost."""
+BROADCASTS = 2
+"""Repetitions of each packet, since one may be lost."""
 MARGIN = 0.002
-"""[s] After the last byte, before the speed changes: what the adapter still holds would be spoiled."""
+"""[s] Between the last byte and a change of speed, which would spoil bytes still in the adapter."""
 
 
 def broadcast_torque_off(port: BytePort, speeds: Sequence[Speed], known: Sequence[ControlTable] = ()) -> None:
-    """Write torque off to all ids at each speed, in this order; no servo answers. Under 1 s for all speeds there are.
+    """Write torque off to all ids at each speed, in less than 1 s for all. No servo confirms, so the caller asks each
+    later.
 
-    It is written where most servos of the protocol have it, and where the tables `known` to be on the line have it: not
-    everywhere, since an OpenCR has its power switch where an XL-320 has its torque. The port is left at the last speed.
-    A speed that the adapter does not have is left out. Raises BusError when the port is gone.
+    Only the usual tables of the protocols and the `known` ones are addressed: an OpenCR has its power switch at the
+    address of an XL-320's torque. The port is left at the last speed; impossible speeds are skipped. Raises BusError
+    when the port is gone.
     """
     for speed in speeds:
         if speed_refused(port, speed.baud):
             continue
         there = [usual_table(speed.protocol), *(table for table in known if table.protocol == speed.protocol)]
         places, codec = dict.fromkeys(table["torque_enable"] for table in there), CODECS[speed.protocol]
-        data = b"".join(codec.write(BROADCAST, one.address, one.encode(0)) for one in places) * TIMES
+        data = b"".join(codec.write(BROADCAST, one.address, one.encode(0)) for one in places) * BROADCASTS
         port.write(data)
         port.sleep_until(port.now() + 10 * len(data) / speed.baud + port.latency + MARGIN)
         port.drop()

@@ -9,25 +9,25 @@ from hardware.bus import BAUDS, BusSpec
 from hardware.dynamixel import opencr
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.codec import CODECS
-from hardware.dynamixel.control_table import ControlTable, baud_of, table_of_number
+from hardware.dynamixel.control_table import DIVIDED_BAUD, DIVIDED_TOLERANCE, ControlTable, baud_of, table_of_number
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.settings import Setting, setup_command
 from hardware.dynamixel.single_requests import FoundServo, NoAnswer, OneOff, ServoError
 from hardware.errors import BusError
 
 PROTOCOLS = (2, 1)
-"""In the order in which they are tried."""
+"""Protocols in the order of trial."""
 LIKELY = (1000000, 57600, 2000000, 3000000, 4000000, 115200)
-"""[bits/s] The maker's setting (X, MX: 57600; AX: 1000000) and those that people choose, most likely first."""
+"""[bits/s] Factory settings (X, MX: 57600; AX: 1000000) and common choices, most likely first."""
 LIKELY_IDS = range(61)
-"""Ids of 1.0 that a quick look pings, each alone: humanoids count by limbs, up to 54 on Poppy."""
-DIVIDED, MOST_DIVIDED = 2_000_000, 255
-"""[bits/s] What protocol 1.0 divides, and by what at most."""
+"""1.0 ids of a quick scan. Humanoids number by limbs, up to 54 on Poppy."""
+MOST_DIVIDED = 255
+"""Highest divisor of DIVIDED_BAUD."""
 UNREAD_ERROR = "reports an error, and does not say which"
 
 
 class Speed(NamedTuple):
-    """Protocol, 1 or 2, and baud rate in bits per second."""
+    """Protocol, 1 or 2, and baud rate, bits/s."""
 
     protocol: int
     baud: int
@@ -38,7 +38,7 @@ class Speed(NamedTuple):
 
 @dataclass(frozen=True)
 class Sighting:
-    """A servo that answered. alert: its errors in words, "" when it reports none."""
+    """A servo that answered. alert: its errors in words, or ""."""
 
     found: FoundServo
     speed: Speed
@@ -46,7 +46,7 @@ class Sighting:
 
     @property
     def table(self) -> ControlTable | None:
-        """Registers of the model; None for one that is not known here."""
+        """Control table of the model; None if unknown."""
         if self.found.model is None:
             return None
         return table_of_number(self.found.model, self.found.firmware)
@@ -63,10 +63,8 @@ class Sighting:
 
 @dataclass(frozen=True)
 class LineScan:
-    """The servos that answered, by speed and id; the speeds tried; and why others could not be tried.
-
-    echoes: the adapter gives back what is sent.
-    """
+    """Result of a scan. sightings: by speed and id. skipped: reasons why speeds could not be tried. echoes: the adapter
+    returns what is sent."""
 
     sightings: tuple[Sighting, ...]
     tried: tuple[Speed, ...]
@@ -77,7 +75,7 @@ class LineScan:
 def all_speeds(
     protocols: Sequence[int] = PROTOCOLS, baud: int | None = None, *, first: Speed | None = None
 ) -> list[Speed]:
-    """Every speed that servos can be set to, or one baud rate only, bits per second; `first`, then the likely ones."""
+    """Return every possible speed, or those of one baud rate: `first`, then the likely ones, then the rest."""
     speeds = [Speed(one, rate) for one in protocols for rate in ((baud,) if baud is not None else BAUDS[one])]
     ranks = {rate: rank for rank, rate in enumerate(LIKELY)}
     speeds.sort(key=lambda one: (one != first, ranks.get(one.baud, len(ranks)), PROTOCOLS.index(one.protocol)))
@@ -85,18 +83,19 @@ def all_speeds(
 
 
 def likely_speeds(speeds: Sequence[Speed]) -> list[Speed]:
-    """Those of the speeds that a quick look tries: the first and the likely ones, by protocol, for 2.0 finds all servos
-    of a speed by one ping."""
+    """Return the speeds of a quick scan: the first and the likely ones, protocol 2.0 first, since one ping finds all
+    its servos."""
     found = [speed for speed in speeds if speed == speeds[0] or speed.baud in LIKELY]
     return sorted(found, key=lambda one: (one != speeds[0], PROTOCOLS.index(one.protocol)))
 
 
 def has_speed(protocol: int, baud: int) -> bool:
-    """Whether servos of a protocol can be set to `baud` bits/s; in 1.0 to 2 Mbps by a whole number, to 1 %."""
+    """True if servos of a protocol can be set to `baud` bits/s. In 1.0 it must divide DIVIDED_BAUD within
+    DIVIDED_TOLERANCE."""
     if protocol != 1 or baud in BAUDS[protocol]:
         return baud in BAUDS[protocol]
-    divisor = round(DIVIDED / baud) if baud > 0 else 0
-    return 1 <= divisor <= MOST_DIVIDED and abs(DIVIDED / divisor - baud) <= 0.01 * baud
+    divisor = round(DIVIDED_BAUD / baud) if baud > 0 else 0
+    return 1 <= divisor <= MOST_DIVIDED and abs(DIVIDED_BAUD / divisor - baud) <= DIVIDED_TOLERANCE * baud
 
 
 def scan_line(
@@ -107,13 +106,13 @@ def scan_line(
     progress: Callable[[int], object] = lambda done: None,
     on_found: Callable[[Sighting], object] = lambda seen: None,
 ) -> LineScan:
-    """Look for `ids` (None: all) at each speed; the port must be open, and is left at the last speed.
+    """Look for `ids` (None: all) at each speed of an open port, which is left at the last one.
 
-    progress: called with the number of speeds that are done. on_found: called with each servo as soon as it is found
-    (2.0: after each speed). Raises BusError when the port is gone; a speed that the adapter does not have is skipped.
+    progress: called with the number of finished speeds. on_found: called with each servo as it is found. Impossible
+    speeds are skipped. Raises BusError when the port is gone.
     """
-    wanted = None if ids is None else sorted(set(ids))
-    return _scan(port, speeds, lambda client: _found(client, wanted), progress, on_found)
+    expected = None if ids is None else sorted(set(ids))
+    return _scan(port, speeds, lambda client: _found(client, expected), progress, on_found)
 
 
 def scan_likely(
@@ -124,8 +123,8 @@ def scan_likely(
     progress: Callable[[int], object] = lambda done: None,
     on_found: Callable[[Sighting], object] = lambda seen: None,
 ) -> LineScan:
-    """Look where servos usually are, as `scan_line` does but in seconds: for all that answer a broadcast ping (2.0), or
-    have one of LIKELY_IDS (1.0). ids: others that are expected."""
+    """Scan as `scan_line` does, but in seconds: for all that answer a broadcast ping (2.0) or have one of LIKELY_IDS
+    (1.0). ids: others that are expected."""
     expected = frozenset(ids)
 
     def likely(client: OneOff) -> Iterator[FoundServo]:
@@ -144,7 +143,6 @@ def _scan(
     progress: Callable[[int], object],
     on_found: Callable[[Sighting], object],
 ) -> LineScan:
-    """Look at each speed. See `scan_line`."""
     seen: list[Sighting] = []
     tried: list[Speed] = []
     skipped: list[str] = []
@@ -165,10 +163,10 @@ def _scan(
     return LineScan(tuple(seen), tuple(tried), tuple(skipped), echoes)
 
 
-def _found(client: OneOff, wanted: Sequence[int] | None) -> Iterator[FoundServo]:
-    """The servos with these ids (None: all). Others that answer a broadcast are left out."""
+def _found(client: OneOff, expected: Sequence[int] | None) -> Iterator[FoundServo]:
+    """Yield the servos with these ids (None: all), and no others."""
     possible = range(CODECS[client.protocol].MOST_MEMBERS + 1)
-    chosen = possible if wanted is None else [device for device in wanted if device in possible]
+    chosen = possible if expected is None else [device for device in expected if device in possible]
     if client.protocol == 2:
         yield from (one for one in client.scan(chosen) if one.id in chosen)
         return
@@ -177,8 +175,8 @@ def _found(client: OneOff, wanted: Sequence[int] | None) -> Iterator[FoundServo]
 
 
 def speed_refused(port: BytePort, baud: int) -> str:
-    """Set the speed, bits/s. Return why the adapter does not have it, "" where it does. Raises BusError when the port
-    is gone."""
+    """Set the speed, bits/s. Return the reason if the adapter refuses it, else "". Raises BusError when the port is
+    gone."""
     try:
         port.set_baud(baud)
     except BusError as refused:
@@ -204,23 +202,22 @@ def _sighting(client: OneOff, found: FoundServo, speed: Speed) -> Sighting:
     return Sighting(found, speed, alert_text(bits) or UNREAD_ERROR)
 
 
-# Servos that do not answer at the speed of their bus, looked for at all others.
-
-MOST = 3
-"""Ids that are tried: each takes a wait at every speed."""
+MOST_ELSEWHERE = 3
+"""Bound of the ids that are tried, since each takes a timeout at every speed."""
 
 
 def answering_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dict[int, list[int]]:
-    """The first MOST of `ids` that answer at other speeds: speeds, bits/s, by id. The port is left at the bus's own.
+    """Return the other speeds, bits/s, at which the first of `ids` answer, by id. The port is left at the bus's own
+    speed.
 
-    A speed that the adapter does not have is left out. Raises BusError when the port is gone.
+    Impossible speeds are skipped. Raises BusError when the port is gone.
     """
     found: dict[int, list[int]] = {}
     for baud in BAUDS[bus.protocol]:
         if baud == bus.baud or speed_refused(port, baud):
             continue
         client = OneOff(port, bus.protocol, retries=0)
-        for device in ids[:MOST]:
+        for device in ids[:MOST_ELSEWHERE]:
             answer = client.ping(device)
             if answer is not None and not answer.clash:
                 found.setdefault(device, []).append(baud)
@@ -229,9 +226,9 @@ def answering_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dic
 
 
 def elsewhere_texts(port: BytePort, bus: BusSpec, ids: Sequence[int], named: Mapping[int, str]) -> list[str]:
-    """Texts, for the first MOST of `ids`, on those that answer at another speed, with the command that fixes it.
+    """Return texts on the first of `ids` that answer at another speed, with the command that fixes it. named: by id.
 
-    named: names in messages, by id. Raises BusError when the port is gone.
+    Raises BusError when the port is gone.
     """
     texts = []
     for device, bauds in answering_elsewhere(port, bus, ids).items() if ids else ():
@@ -243,17 +240,15 @@ def elsewhere_texts(port: BytePort, bus: BusSpec, ids: Sequence[int], named: Map
     return texts
 
 
-# One EEPROM value, written and read back, also where the servo then has another id or speed.
-
-TRIES = 3
-SETTLE = 0.05
-"""[s] In which a servo changes its speed."""
+WRITE_TRIES = 3
+SPEED_SETTLE = 0.05
+"""[s] Time in which a servo changes its speed."""
 
 
 def write_setting(
     port: BytePort, table: ControlTable, device: int, speed: Speed, setting: Setting
 ) -> tuple[int, Speed]:
-    """Write one value. Return id and speed of the servo afterwards; the port has that speed. Raises BusError."""
+    """Write one value. Return the servo's id and speed afterwards, which the port then has. Raises BusError."""
     register, value = setting
     if register.name not in ("id", "baud_rate"):
         OneOff(port, speed.protocol).write(device, register, value, verify=True)
@@ -261,12 +256,12 @@ def write_setting(
     new_id = value if register.name == "id" else device
     rate = baud_of(table, value) if register.name == "baud_rate" else speed.baud
     assert rate is not None
-    for _ in range(TRIES):
+    for _ in range(WRITE_TRIES):
         port.set_baud(speed.baud)
         # The answer comes at the new speed, or is lost: the servo is asked below.
         with suppress(NoAnswer):
             OneOff(port, speed.protocol, retries=0).write(device, register, value)
-        port.sleep_until(port.now() + SETTLE)
+        port.sleep_until(port.now() + SPEED_SETTLE)
         port.set_baud(rate)
         there = OneOff(port, speed.protocol)
         try:

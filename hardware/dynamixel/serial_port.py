@@ -21,22 +21,22 @@ from hardware.clock import Clock
 from hardware.errors import BusError
 from hardware.processes import MOST_PROCESSES, PROCESSES, named_process
 
-# How long a USB adapter keeps what has arrived: the latency timer of an FTDI chip, in the kernel's own files.
+# The latency timer of an FTDI chip, in the kernel's own files.
 
 DEVICES = Path("/sys/bus/usb-serial/devices")
 ASSUMED = 0.001
-"""Latency, s, of an adapter that has no such timer: a USB frame."""
-WANTED_MS = 1
-"""Latency timer, ms, of an FTDI adapter: the least that its driver takes; usual are 16."""
+"""Latency, s, of an adapter without a latency timer: a USB frame."""
+LOW_TIMER_MS = 1
+"""Lowest latency timer, ms, of an FTDI adapter. Its default is 16."""
 
 
 def timer_file(path: str, devices: Path = DEVICES) -> Path:
-    """The kernel's file of the timer of the port at `path`, which may be a link; it exists for FTDI only."""
+    """Return the kernel's file of the latency timer of a port, which exists for FTDI only."""
     return devices / Path(path).resolve().name / "latency_timer"
 
 
 def latency_timer_ms(path: str, devices: Path = DEVICES) -> int | None:
-    """The timer in ms; None for an adapter without one."""
+    """Return the latency timer, ms; None for an adapter without one."""
     try:
         return int(timer_file(path, devices).read_text(encoding="ascii"))
     except (OSError, ValueError):
@@ -44,28 +44,24 @@ def latency_timer_ms(path: str, devices: Path = DEVICES) -> int | None:
 
 
 def latency(timer_ms: int | None) -> float:
-    """Longest time, s, that the adapter keeps bytes: the timer, and a USB frame where there is none or it says 0."""
+    """Return the longest time, s, for which the adapter keeps bytes."""
     return timer_ms / 1000 if timer_ms else ASSUMED
 
 
 def timer_command(path: str, devices: Path = DEVICES) -> str:
-    """The command that sets the timer to 1 ms, until the adapter is plugged in again."""
-    return f"echo {WANTED_MS} | sudo tee {timer_file(path, devices)}"
+    """Return the command that sets the timer to 1 ms, until the adapter is plugged in again."""
+    return f"echo {LOW_TIMER_MS} | sudo tee {timer_file(path, devices)}"
 
 
-def ask_low_latency(line: Serial) -> bool:
-    """Ask the kernel for low latency (ASYNC_LOW_LATENCY; no rights needed; an FTDI's timer becomes 1 ms).
-
-    Return whether the driver accepted it: many do not have it.
-    """
+def request_low_latency(line: Serial) -> bool:
+    """Set ASYNC_LOW_LATENCY, which needs no rights; an FTDI's timer becomes 1 ms. Return True if the driver supports
+    it."""
     try:
         line.set_low_latency_mode(True)
     except (ValueError, OSError, NotImplementedError):
         return False
     return True
 
-
-# Errors of a serial port, each with what to do about it.
 
 _ABSENT = {errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.EIO}
 _BUSY = {errno.EBUSY, errno.EAGAIN}
@@ -75,7 +71,8 @@ TERMINAL = "a device"
 
 
 def why_not_open(path: str, baud: int, cause: Exception) -> BusError:
-    """The error for a port that could not be opened: absent, busy, forbidden, no serial port, no such baud rate."""
+    """Return the error for a port that could not be opened: absent, busy, forbidden, no serial port, no such baud
+    rate."""
     number = getattr(cause, "errno", None)
     if number in _ABSENT:
         return no_such_port(path)
@@ -94,7 +91,7 @@ def why_not_open(path: str, baud: int, cause: Exception) -> BusError:
 
 
 def no_such_port(path: str) -> BusError:
-    """The error for a path that leads nowhere."""
+    """Return the error for a missing path."""
     return BusError(
         "no such port",
         where=path or "an empty path",
@@ -104,30 +101,30 @@ def no_such_port(path: str) -> BusError:
 
 
 def unplugged(path: str, cause: object) -> BusError:
-    """The error for a port that went away while it was open."""
+    """Return the error for a port that was lost while open."""
     return BusError("the port went away", where=path, found=cause, then="Check the cable and the adapter's power")
 
 
 def not_open(path: str) -> BusError:
-    """The error for a port that is used before `open` or after `close`."""
+    """Return the error for a port that is used while closed."""
     return BusError("the port is not open", where=path)
 
 
 def wrong_baud(path: str, baud: int, allowed: object) -> BusError:
-    """The error for a speed that the line does not run at."""
+    """Return the error for an impossible speed."""
     return BusError("no such baud rate", where=path, found=baud, allowed=allowed)
 
 
 def holders(path: str, processes: Path = PROCESSES) -> str:
-    """The processes that have the port open, as far as this user may see. The other end of a pseudo-terminal also has
-    it open; it is named separately, since it keeps no process out."""
+    """Name the processes that have the port open, as far as this user may see. The other end of a pseudo-terminal is
+    named separately, since it blocks no other process."""
     device = Path(path).resolve()
     found: list[str] = []
     behind: list[str] = []
     for process in itertools.islice(processes.glob("[0-9]*"), MOST_PROCESSES):
         with suppress(OSError):
             opened = {link.name: link.resolve() for link in (process / "fd").iterdir()}
-            if any(_leads_to(device, process, name, target) for name, target in opened.items()):
+            if any(_is_master(device, process, name, target) for name, target in opened.items()):
                 name = named_process(process.name, processes)
                 what = "the emulator" if "emulate" in name else "its other end"
                 behind.append(f"{name} is {what}")
@@ -137,12 +134,12 @@ def holders(path: str, processes: Path = PROCESSES) -> str:
 
 
 def is_pseudo_terminal(path: str) -> bool:
-    """Whether a port is a pseudo-terminal: every emulator on a port is one, no adapter of real servos is."""
+    """True if a port is a pseudo-terminal. Every emulator on a port is one; no adapter of real servos is."""
     return Path(path).resolve().parent == _PSEUDO_TERMINALS
 
 
-def _leads_to(device: Path, process: Path, descriptor: str, target: Path) -> bool:
-    """Whether an open file of a process is the master of a pseudo-terminal: its number is the device's name."""
+def _is_master(device: Path, process: Path, descriptor: str, target: Path) -> bool:
+    """True if an open file of a process is the master of a pseudo-terminal."""
     if device.parent != _PSEUDO_TERMINALS or target.name != "ptmx":
         return False
     text = (process / "fdinfo" / descriptor).read_text(encoding="utf-8", errors="replace")
@@ -150,7 +147,7 @@ def _leads_to(device: Path, process: Path, descriptor: str, target: Path) -> boo
 
 
 def existing_ports() -> dict[str, str]:
-    """The serial ports of this machine, in order, each with what is behind it in words ("" where that is not known)."""
+    """Return the serial ports of this machine, in order, each with its description or ""."""
     unknown = ("", "n/a")
     found = {port.device: port.description for port in comports()}
     return {path: "" if found[path] in unknown else found[path] for path in sorted(found)}
@@ -161,17 +158,17 @@ def _existing() -> str:
 
 
 def ports_text(ports: Mapping[str, str]) -> str:
-    """Ports (see `existing_ports`) in one line."""
+    """Return ports (see `existing_ports`) in one line."""
     shown = [f"{path} ({what})" if what else path for path, what in ports.items()]
     return ", ".join(shown) or "none, no serial port exists here"
 
 
 BY_ID = Path("/dev/serial/by-id")
-"""Links to ports, by maker and number of the adapter: they stay the same when adapters are plugged in otherwise."""
+"""Links to ports by maker and number of the adapter, which survive replugging."""
 
 
 def stable_name(path: str, links: Path = BY_ID) -> str:
-    """The link to this port that stays the same; the port itself where there is none."""
+    """Return the stable link to a port, or the port itself if it has none."""
     with suppress(OSError):
         target = Path(path).resolve()
         return next((str(link) for link in sorted(links.iterdir()) if link.resolve() == target), path)
@@ -195,45 +192,45 @@ def _kind(path: str) -> str:
 
 
 LOWEST_BAUD, HIGHEST_BAUD = 1_200, 12_000_000
-"""Bounds of the speeds that are tried; not all adapters have them."""
+"""Bounds of the speeds that are tried."""
 BAUD_TOLERANCE = 0.03
-"""Relative error of the real speed beyond which 8N1 bytes are no longer read safely."""
-CHUNK = 65_536
-"""Most bytes that one read takes."""
+"""Relative error of the real speed beyond which 8N1 bytes are not read safely."""
+READ_BYTES = 65_536
+"""Largest number of bytes per read."""
 STUCK = 0.1
-"""An adapter that takes no byte for so long, s, beyond the time of the bytes themselves, is stuck."""
+"""Time, s, in addition to that of the bytes, after which an adapter that takes none is stuck."""
 _TCGETS2, _SPEED_WORD = 0x802C542A, 10
-"""Linux's ioctl that returns the real speed of a line, and the speed's place in the answer."""
+"""Linux's ioctl that returns the real speed of a line, and the place of the speed in the answer."""
 
 
 class SerialPort:
-    """A `BytePort` over a real tty. Every failure is a BusError; no method lets an OSError through."""
+    """A `BytePort` on a real tty. Every failure is a BusError."""
 
     def __init__(self, path: str, clock: Clock) -> None:
         self._clock = clock
         self.name = path
-        """The path it was made with."""
+        """Path of the device."""
         self._serial: Serial | None = None
         self._fd = -1
         self.baud = 0
-        """Bits per second; 0 before `open`."""
+        """Bits per second; 0 while closed."""
         self.latency_timer_ms: int | None = None
-        """The adapter's latency timer as of `open`; None where there is none (not an FTDI)."""
+        """Latency timer as of `open`, ms; None without one."""
 
     @property
     def latency(self) -> float:
-        """Longest time, s, that the adapter keeps what has arrived; 1 ms is assumed where it is not known."""
+        """Longest time, s, for which the adapter keeps bytes; 1 ms is assumed if unknown."""
         return latency(self.latency_timer_ms)
 
     @property
     def latency_command(self) -> str | None:
-        """The command that sets the latency timer to 1 ms; None where that is not needed."""
-        if self.latency_timer_ms is None or self.latency_timer_ms <= WANTED_MS:
+        """Command that sets the latency timer to 1 ms; None if not needed."""
+        if self.latency_timer_ms is None or self.latency_timer_ms <= LOW_TIMER_MS:
             return None
         return timer_command(self.name)
 
     def open(self, baud: int) -> None:
-        """Open it for this process alone; what had arrived is dropped. Raises BusError."""
+        """Open the port for this process alone, and drop its input. Raises BusError."""
         self.close()
         self._check_baud(baud)
         try:
@@ -244,7 +241,7 @@ class SerialPort:
                 # holds a pseudo-terminal open, so there the kernel's lock would outlive a client that was killed.
                 fcntl.ioctl(self._fd, termios.TIOCEXCL)
             self._verify_baud(baud)
-            ask_low_latency(self._serial)
+            request_low_latency(self._serial)
         except (OSError, termios.error, ValueError, OverflowError) as cause:
             self.close()
             raise why_not_open(self.name, baud, _with_number(cause)) from cause
@@ -255,7 +252,7 @@ class SerialPort:
         self.latency_timer_ms = latency_timer_ms(self.name)
 
     def set_baud(self, baud: int) -> None:
-        """Change the speed; what had arrived is dropped. Raises BusError; a refused speed leaves the old one."""
+        """Change the speed, and drop the input. Raises BusError; a refused speed leaves the old one."""
         line = self._serial
         if line is None:
             raise not_open(self.name)
@@ -270,7 +267,7 @@ class SerialPort:
         self.drop()
 
     def write(self, data: bytes) -> None:
-        """Send; the kernel takes the bytes, so it returns before they are on the wire."""
+        """Send. Returns before the bytes are on the wire."""
         fd = self._open_fd()
         try:
             sent = os.write(fd, data)
@@ -282,21 +279,23 @@ class SerialPort:
             self._write_rest(fd, data[sent:])
 
     def read(self) -> bytes:
-        """What has arrived, maybe nothing. Never waits."""
+        """Return the bytes that have arrived, without waiting."""
         fd = self._open_fd()
         try:
-            data = os.read(fd, CHUNK)
+            data = os.read(fd, READ_BYTES)
         except BlockingIOError:
             return b""
         except OSError as cause:
             raise self._gone(cause) from cause
-        if not data and self._hung_up(fd):
-            raise self._gone("the end of the line")
+        if not data:  # the end of the line, or a lost port
+            poll = select.poll()
+            poll.register(fd, select.POLLIN)
+            if any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in poll.poll(0)):
+                raise self._gone("the end of the line")
         return data
 
     def wait(self, deadline: float) -> bool:
-        """Sleep in the kernel until something has arrived (True; also when the port went away: the next `read` says
-        so) or until `deadline`, s."""
+        """Sleep until bytes have arrived or the port was lost (True), or until `deadline`, s."""
         fd = self._open_fd()
         try:
             ready, _, _ = select.select((fd,), (), (), max(0.0, deadline - self._clock.now()))
@@ -305,22 +304,22 @@ class SerialPort:
         return bool(ready)
 
     def drop(self) -> None:
-        """Forget what has arrived."""
+        """Drop the input."""
         try:
             termios.tcflush(self._open_fd(), termios.TCIFLUSH)
         except (OSError, termios.error) as cause:
             raise self._gone(cause) from cause
 
     def now(self) -> float:
-        """Monotonic s of the clock it was made with."""
+        """Return the monotonic time, s, of its clock."""
         return self._clock.now()
 
     def sleep_until(self, deadline: float) -> None:
-        """Return at `deadline`, in s."""
+        """Return at `deadline`, s."""
         self._clock.sleep_until(deadline)
 
     def close(self) -> None:
-        """Close it; twice is allowed, and so is closing what never was open."""
+        """Close the port. Closing twice is allowed."""
         line, fd = self._serial, self._fd
         self._serial, self._fd, self.baud = None, -1, 0
         if line is None:
@@ -349,13 +348,13 @@ class SerialPort:
             raise self._gone(cause) from cause
 
     def _verify_baud(self, baud: int) -> None:
-        """Drivers silently fall back to a speed that they can do: ask which. Raises BusError."""
+        """Raise BusError if the driver has silently fallen back to another speed."""
         real = real_baud(self._fd)
         if real and abs(real - baud) > BAUD_TOLERANCE * baud:
             raise wrong_baud(self.name, baud, f"what the adapter can do; it fell back to {real}")
 
     def _write_rest(self, fd: int, data: bytes) -> None:
-        """Send what the driver's buffer did not hold. Raises BusError when it takes nothing for too long."""
+        """Send the bytes that the driver's buffer did not hold. Raises BusError when it is stuck."""
         deadline = self.now() + STUCK + 10 * len(data) / self.baud
         while data:
             try:
@@ -368,25 +367,19 @@ class SerialPort:
             except (OSError, ValueError) as cause:
                 raise self._gone(cause) from cause
 
-    def _hung_up(self, fd: int) -> bool:
-        """Whether the port is gone, so that nothing will ever come."""
-        poll = select.poll()
-        poll.register(fd, select.POLLIN)
-        return any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in poll.poll(0))
-
     def _gone(self, cause: object) -> BusError:
         return unplugged(self.name, _with_number(cause) if isinstance(cause, Exception) else cause)
 
 
 def _with_number(cause: Exception) -> Exception:
-    """A termios error as an OSError, whose `errno` is set."""
+    """Return a termios error as an OSError with `errno`."""
     if isinstance(cause, termios.error) and len(cause.args) == 2:
         return OSError(*cause.args)
     return cause
 
 
 def real_baud(fd: int) -> int | None:
-    """Speed that the driver reports; None where it reports none."""
+    """Return the speed that the driver reports, or None."""
     if not sys.platform.startswith("linux"):
         return None
     answer = array.array("I", [0] * 16)
@@ -397,67 +390,59 @@ def real_baud(fd: int) -> int | None:
     return answer[_SPEED_WORD]
 
 
-# A line of bytes to servos: through a serial adapter, or to an emulator in this process.
-
-
 class BytePort(Protocol):
-    """Half-duplex bytes with a clock. Every method raises BusError when the port is gone."""
+    """Half-duplex bytes with a clock, through an adapter or to an emulator. Every method raises BusError when the port
+    is gone."""
 
     @property
     def name(self) -> str:
-        """Name of the port in messages: the device's path."""
+        """Name of the port in messages."""
 
     @property
     def baud(self) -> int:
-        """Bits per second; ten of them carry a byte."""
+        """Bits per second; ten bits carry a byte."""
 
     @property
     def latency(self) -> float:
-        """Longest time, s, that the adapter keeps what has arrived (FTDI: the latency timer)."""
+        """Longest time, s, for which the adapter keeps bytes (FTDI: the latency timer)."""
 
     def open(self, baud: int) -> None:
-        """Open it, for this process alone. Raises BusError: no such port, busy, not permitted, no such baud rate."""
+        """Open the port for this process alone. Raises BusError."""
 
     def set_baud(self, baud: int) -> None:
-        """Change the speed; what had arrived is dropped."""
+        """Change the speed, and drop the input."""
 
     def write(self, data: bytes) -> None:
-        """Send; returns before the bytes are on the wire."""
+        """Send. Returns before the bytes are on the wire."""
 
     def read(self) -> bytes:
-        """What has arrived, maybe nothing. Never waits."""
+        """Return the bytes that have arrived, without waiting."""
 
     def wait(self, deadline: float) -> bool:
-        """Sleep until something has arrived (True) or until `deadline`, s on the clock."""
+        """Sleep until bytes have arrived (True) or until `deadline`, s."""
 
     def drop(self) -> None:
-        """Forget what has arrived."""
+        """Drop the input."""
 
     def now(self) -> float:
-        """Monotonic s: the clock that deadlines are on."""
+        """Return the monotonic time, s."""
 
     def sleep_until(self, deadline: float) -> None:
-        """Return at `deadline`, in s."""
+        """Return at `deadline`, s."""
 
     def close(self) -> None:
-        """Close it; twice is allowed."""
+        """Close the port. Closing twice is allowed."""
 
 
 QUIET = 20e-3
-"""[s] After an answer that did not come: what is later than this is not expected."""
+"""[s] After a missing answer. Nothing is expected later."""
 
 
 def settle(port: BytePort) -> None:
-    """Drop an answer that comes late. A status does not say which request it answers, so it would be taken for the
-    next.
-
-    Raises BusError when the port is gone.
-    """
+    """Drop a late answer, which would be taken for that of the next request. Raises BusError when the port is gone."""
     deadline = port.now() + QUIET + port.latency
     while port.now() < deadline and port.wait(deadline):
         port.read()
 
-
-# The message about an adapter that gives back what is sent.
 
 ECHOES = "the adapter echoes what is sent: it works, but costs time in every request; switch its local echo off"

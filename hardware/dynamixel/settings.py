@@ -1,4 +1,4 @@
-"""A servo's settings: its registers as read, the values that its profile wants, and the plan of what to write."""
+"""A servo's settings: its registers as read, the values that its profile requires, and the plan of what to write."""
 
 import math
 from collections.abc import Mapping
@@ -12,58 +12,56 @@ from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
 from hardware.servo import Layout, ServoMode, ServoSpec
 
-# The registers of one servo, read in a few blocks before anything moves.
-
-CHUNK = 64
-"""Most bytes that are read at once."""
-LAST = ("present_temperature", "hardware_error_status", "lock", "goal_acceleration")
-"""The last registers that are read: no table has one of interest behind them."""
+BLOCK_BYTES = 64
+"""Largest number of bytes read at once."""
+LAST_REGISTERS = ("present_temperature", "hardware_error_status", "lock", "goal_acceleration")
+"""Registers after which no table has one of interest."""
 
 
 @dataclass(frozen=True, eq=False)
 class ServoImage:
-    """Registers of a servo with this table, as read once: later changes of the servo are not in it."""
+    """Registers of a servo, as read once."""
 
     table: ControlTable
     data: bytes
 
     def has(self, name: str) -> bool:
-        """Whether the register is there."""
+        """True if the register was read."""
         return self.table.has(name) and self.table[name].end <= len(self.data)
 
     def value(self, name: str) -> int:
-        """A register's value, counts."""
+        """Return a register's value, counts."""
         register = self.table[name]
         return register.decode(self.data[register.address : register.end])
 
 
 def read_image(client: OneOff, device: int, table: ControlTable) -> ServoImage:
-    """Everything from address 0 to the last register of LAST. Raises BusError when it does not answer."""
-    last = max(table[name].end for name in LAST if table.has(name))
-    parts = [client.read_block(device, at, min(CHUNK, last - at)) for at in range(0, last, CHUNK)]
+    """Read from address 0 to the last of LAST_REGISTERS. Raises BusError without an answer."""
+    last = max(table[name].end for name in LAST_REGISTERS if table.has(name))
+    parts = [client.read_block(device, at, min(BLOCK_BYTES, last - at)) for at in range(0, last, BLOCK_BYTES)]
     return ServoImage(table, b"".join(parts))
 
 
 MODES = {ServoMode.POSITION: 3, ServoMode.EXTENDED_POSITION: 4, ServoMode.CURRENT_BASED_POSITION: 5}
 """Operating Mode, register 11."""
 JOINT_MODE = 2
-"""Control Mode, register 11 of the XL-320: it follows a position."""
+"""Control Mode, register 11 of the XL-320: position control."""
 ANSWER_ALL = 2
 """Status Return Level: every instruction is answered."""
 WAKING = {"moving_speed": 0}
-"""Written to a limp servo only when its torque may come on: like a goal position, a moving speed of the older layout
-switches torque on (field knowledge of protocol 1.0, in no manual). 0: full speed."""
+"""Registers written to a limp servo only when its torque may come on. A moving speed of the older layout switches
+torque on (field knowledge of protocol 1.0, in no manual). 0: full speed."""
 
 
 class Setting(NamedTuple):
-    """A value that a register is to have."""
+    """Desired value of a register."""
 
     register: Register
     value: int
 
 
 def eeprom_settings(servo: ServoSpec, bus: BusSpec, table: ControlTable) -> list[Setting]:
-    """The values that EEPROM must hold; it is writable only with torque off."""
+    """Return the desired EEPROM values, which are writable only with torque off."""
     values = {
         "return_delay_time": bus.return_delay_value,
         "operating_mode": MODES[servo.mode],
@@ -76,8 +74,8 @@ def eeprom_settings(servo: ServoSpec, bus: BusSpec, table: ControlTable) -> list
 
 
 def ram_settings(servo: ServoSpec, image: ServoImage) -> list[Setting]:
-    """The values that RAM must hold; a reboot or a change of mode resets them. The goals limit speed and acceleration
-    themselves, so the servo has no profile."""
+    """Return the desired RAM values, which a reboot or a change of mode resets. Goals limit speed and acceleration
+    themselves, so profiles are off."""
     gains, table = servo.gains, image.table
     values: dict[str, int | None] = {
         "status_return_level": ANSWER_ALL,
@@ -97,7 +95,7 @@ def ram_settings(servo: ServoSpec, image: ServoImage) -> list[Setting]:
 
 
 def full_drive(servo: ServoSpec, image: ServoImage) -> Setting:
-    """The register that limits the servo's drive, with its value while the robot moves."""
+    """Return the register that limits the servo's drive, with its value in motion."""
     table = image.table
     if table.has("torque_limit"):
         return Setting(table["torque_limit"], image.value("max_torque"))
@@ -108,17 +106,16 @@ def full_drive(servo: ServoSpec, image: ServoImage) -> Setting:
 
 
 def differing(settings: list[Setting], image: ServoImage) -> list[Setting]:
-    """The settings that the servo does not hold yet."""
+    """Return the settings that the servo does not hold yet."""
     return [setting for setting in settings if image.value(setting.register.name) != setting.value]
 
 
 def _by_current(servo: ServoSpec) -> bool:
-    """Whether the mode limits the drive by a current that may change at any time."""
+    """True if the mode limits the drive by a goal current, which may change at any time."""
     return servo.mode is ServoMode.CURRENT_BASED_POSITION
 
 
 def _current(servo: ServoSpec, register: Register) -> int:
-    """The profile's current in counts of a register, rounded and clamped."""
     assert servo.current_limit is not None
     most = register.widest if register.highest is None else register.highest
     return min(max(round(servo.current_limit / (register.scale or 1.0)), 1), most)
@@ -128,17 +125,16 @@ def _settings(table: ControlTable, values: "dict[str, int] | dict[str, int | Non
     return [Setting(table[name], value) for name, value in values.items() if value is not None and table.has(name)]
 
 
-# The plan for a servo's EEPROM: checked as a whole before anything is written; id and speed come last.
-
 OWN_OPTION = {"id": "--new-id", "baud_rate": "--baud", "return_delay_time": "--return-delay"}
+"""Registers with an option of their own."""
 SILENCING = "protocol_type"
-"""A servo whose protocol is changed no longer answers."""
+"""Register after whose change the servo no longer answers."""
 
 
 def setup_command(
     bus: BusSpec, device: int, registers: Mapping[str, int] | None = None, *, baud: int | None = None
 ) -> str:
-    """The command that writes these registers into a servo; baud: bits/s."""
+    """Return the command that writes these registers into a servo. baud: bits/s."""
     words = [f"--register {name}={value}" for name, value in (registers or {}).items()]
     if baud is not None:
         words.append(f"--baud {baud}")
@@ -146,8 +142,8 @@ def setup_command(
 
 
 @dataclass(frozen=True)
-class Asked:
-    """Values for one servo; None: not given. baud: bits/s; return_delay: s; registers: counts by name."""
+class SetupRequest:
+    """Requested values of one servo; None: not given. baud: bits/s. return_delay: s. registers: counts by name."""
 
     new_id: int | None = None
     baud: int | None = None
@@ -155,35 +151,35 @@ class Asked:
     registers: Mapping[str, int] = field(default_factory=dict)
 
 
-def settings_of(table: ControlTable, asked: Asked) -> list[Setting]:
-    """The settings for these values, in the order in which they are written.
+def settings_of(table: ControlTable, request: SetupRequest) -> list[Setting]:
+    """Return the requested settings, in the order of writing: id and speed come last.
 
-    Raises BusError (HardwareError for an unknown register) for values that a servo with this table cannot hold.
+    Raises BusError for values that the servo cannot hold, HardwareError for an unknown register.
     """
-    wanted = [setting_of(table, name, value) for name, value in asked.registers.items()]
-    new_id, baud, return_delay = asked.new_id, asked.baud, asked.return_delay
+    settings = [setting_of(table, name, value) for name, value in request.registers.items()]
+    new_id, baud, return_delay = request.new_id, request.baud, request.return_delay
     if return_delay is not None:
         steps = return_delay / RETURN_DELAY_STEP
         if not (0.0 <= return_delay <= MAX_RETURN_DELAY and abs(steps - round(steps)) < 1e-6):
             allowed = f"0 to {1e6 * MAX_RETURN_DELAY:g} us, even"
             raise _no(table, "return delay", f"{1e6 * return_delay:g} us", allowed)
-        wanted.append(Setting(table["return_delay_time"], round(steps)))
+        settings.append(Setting(table["return_delay_time"], round(steps)))
     if new_id is not None:
         if not 0 <= new_id <= MAX_ID:
             raise _no(table, "id", str(new_id), f"0 to {MAX_ID}: 254 is the broadcast id")
-        wanted.append(Setting(table["id"], new_id))
+        settings.append(Setting(table["id"], new_id))
     if baud is not None:
         code = code_of(table, baud)
         if code is None:
             rates = [rate for rate in BAUDS[table.protocol] if code_of(table, rate) is not None]
             raise _no(table, "baud rate", str(baud), ", ".join(map(str, rates)))
-        wanted.append(Setting(table["baud_rate"], code))
-    return wanted
+        settings.append(Setting(table["baud_rate"], code))
+    return settings
 
 
-def plan(image: ServoImage, wanted: list[Setting]) -> list[Setting]:
-    """The settings to write: those that the servo does not hold already. Raises BusError with torque on."""
-    due = differing(wanted, image)
+def plan(image: ServoImage, settings: list[Setting]) -> list[Setting]:
+    """Return the settings that differ from the servo's. Raises BusError with torque on."""
+    due = differing(settings, image)
     if due and image.value("torque_enable"):
         raise BusError(
             "torque is on, and locks the EEPROM",
@@ -194,7 +190,7 @@ def plan(image: ServoImage, wanted: list[Setting]) -> list[Setting]:
 
 
 def setting_of(table: ControlTable, name: str, value: int) -> Setting:
-    """A setting of an EEPROM register. Raises BusError (HardwareError for an unknown register)."""
+    """Return a setting of an EEPROM register. Raises BusError, or HardwareError for an unknown register."""
     register = table[name]
     if name in OWN_OPTION:
         raise _no(table, "register", name, f"the option {OWN_OPTION[name]}")
@@ -212,14 +208,12 @@ def _no(table: ControlTable, what: str, found: str, allowed: str) -> BusError:
     return BusError(f"no such {what} for this servo", where=table.model, found=found, allowed=allowed)
 
 
-# Counts of a servo's registers in units and words.
-
 TICKS = frozenset(("homing_offset", "min_position_limit", "max_position_limit", "cw_angle_limit", "ccw_angle_limit"))
-"""Registers whose counts are ticks of the shaft."""
+"""Registers whose counts are shaft ticks."""
 
 
 def in_units(table: ControlTable, name: str, value: int) -> str:
-    """The meaning of `value` counts: in SI units or words, angles in degrees; "" where the count is enough."""
+    """Return `value` counts in SI units, degrees or words; "" for plain counts."""
     if name == "baud_rate":
         return str(baud_of(table, value) or "")
     if name == "return_delay_time":

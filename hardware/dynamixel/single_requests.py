@@ -1,8 +1,7 @@
-"""Requests to single servos: reads and writes by dynamixel-sdk over a `BytePort`, pings that find servos, refusals in
-words.
+"""Requests to single servos by dynamixel-sdk over a `BytePort`, pings that find servos, and refusals in words.
 
 The SDK's packet handlers send and receive. This module interprets the answers, since the SDK takes refusals for data
-and alerts for errors. It does not stuff what it sends: a value whose bytes hold FF FF FD is refused by the servo.
+and alerts for errors. The SDK does not stuff what it sends, so a servo refuses a value that holds FF FF FD.
 """
 
 from collections import Counter
@@ -26,28 +25,24 @@ from hardware.dynamixel.control_table import Register
 from hardware.dynamixel.serial_port import BytePort, settle
 from hardware.errors import BusError
 
-SLACK = 0.004
-"""[s] That this machine, the adapter's driver or the servo may be late."""
-
-# Finding servos: a broadcast ping (2.0), and single pings that wait long enough to notice a second answer.
+ANSWER_SLACK = 0.004
+"""[s] Possible delay of this machine, the adapter's driver or the servo."""
 
 SLOT = 0.003
-"""[s] In addition to its bytes, that the SDK allows each id when all devices answer a broadcast ping in order."""
-SETTLE = 0.016
-"""[s] That the SDK adds to all slots."""
+"""[s] Time of each id in a broadcast ping, in addition to its bytes, as in the SDK."""
+BROADCAST_SETTLE = 0.016
+"""[s] Time in addition to all slots, as in the SDK."""
 PING_BYTES = protocol2.STATUS_BYTES + 3
 SPREAD = 0.001
-"""[s] Within which two servos with one id begin to answer: their return delays differ by half of it at most."""
+"""[s] Largest difference between the answers of two servos with one id: twice that of their return delays."""
 MAX_RECEIVED = 65_536
-"""Bytes after which a line that is never silent is given up."""
+"""Bytes after which a line that is never silent is abandoned."""
 
 
 @dataclass(frozen=True)
 class FoundServo:
-    """A servo on the line. model, firmware: None where it did not report them.
-
-    alert: it reports a hardware error. clash: two answers came, or none was whole: most likely two servos with this id.
-    """
+    """A servo on the line. model, firmware: None if not reported. alert: it reports a hardware error. clash: two
+    answers, or none whole: probably two servos with this id."""
 
     id: int
     protocol: int
@@ -59,7 +54,7 @@ class FoundServo:
 
 @dataclass(frozen=True)
 class PingReplies:
-    """Status frames, in order; damaged: bytes that belong to none; echoed: the adapter gave back the request."""
+    """Status frames in order. damaged: bytes that belong to none. echoed: the adapter returned the request."""
 
     answers: tuple[Status, ...]
     damaged: int
@@ -67,30 +62,32 @@ class PingReplies:
 
 
 def broadcast_ping(port: BytePort, highest: int, slack: float) -> PingReplies:
-    """Ping all devices of protocol 2.0, and wait until the one with the id `highest` must have answered.
+    """Ping all devices of protocol 2.0, and wait until id `highest` must have answered.
 
-    Devices answer in order of their ids, each in its own slot: hence the window, and it cannot end sooner, since an
-    unknown device may be the last one. At most 0.78 s at 4 Mbps, as the SDK's; 20 ids: 0.08 s.
+    Devices answer in order of their ids, each in its own slot. The window cannot end sooner, since an unknown device
+    may be the last one: at most 0.78 s at 4 Mbps; 20 ids: 0.08 s.
     """
     slots = min(highest, MAX_ID) + 1
     request = protocol2.ping(BROADCAST)
-    window = SETTLE + slots * SLOT + 10 * (len(request) + slots * PING_BYTES) / port.baud + port.latency + slack
-    return _ask(port, 2, request, window)
+    window = (
+        BROADCAST_SETTLE + slots * SLOT + 10 * (len(request) + slots * PING_BYTES) / port.baud + port.latency + slack
+    )
+    return _receive(port, 2, request, window)
 
 
 def ping_alone(port: BytePort, protocol: int, device: int, wait: float) -> PingReplies:
-    """Ping one device; `wait`: s that it may take in addition to the bytes. Waits for a second answer too."""
-    return _ask(port, protocol, CODECS[protocol].ping(device), ping_time(port, protocol, wait), enough=2)
+    """Ping one device, and wait for a second answer too. wait: s that it may take in addition to the bytes."""
+    return _receive(port, protocol, CODECS[protocol].ping(device), ping_time(port, protocol, wait), enough=2)
 
 
 def ping_time(port: BytePort, protocol: int, wait: float) -> float:
-    """Longest time, s, that a ping of one device takes, with a second answer; `wait`: see `ping_alone`."""
+    """Return the longest time, s, of such a ping."""
     answer = protocol1.STATUS_BYTES if protocol == 1 else PING_BYTES
     return 10 * (len(CODECS[protocol].ping(0)) + 2 * answer) / port.baud + SPREAD + wait
 
 
 def found_by_ping(answer: Status, *, clash: bool = False) -> FoundServo:
-    """The servo behind a 2.0 answer to a ping; a refusal carries no model."""
+    """Return the servo behind a 2.0 answer to a ping. A refusal carries no model."""
     known = len(answer.data) == 3
     return FoundServo(
         id=answer.id,
@@ -102,7 +99,7 @@ def found_by_ping(answer: Status, *, clash: bool = False) -> FoundServo:
     )
 
 
-def _ask(port: BytePort, protocol: int, request: bytes, window: float, *, enough: int | None = None) -> PingReplies:
+def _receive(port: BytePort, protocol: int, request: bytes, window: float, *, enough: int | None = None) -> PingReplies:
     """Send, and receive for `window` s or until there are `enough` answers."""
     port.drop()
     port.write(request)
@@ -117,7 +114,7 @@ def _ask(port: BytePort, protocol: int, request: bytes, window: float, *, enough
 
 
 def _answers(protocol: int, request: bytes, received: bytes) -> PingReplies:
-    """The answers in the bytes; an echo of the request may precede them."""
+    """Return the answers in the bytes, after an echo of the request if any."""
     echoed = received.startswith(request)
     codec = CODECS[protocol]
     parser = codec.parser()
@@ -126,10 +123,8 @@ def _answers(protocol: int, request: bytes, received: bytes) -> PingReplies:
     return PingReplies(tuple(answers), parser.skipped + len(parser.pending), echoed)
 
 
-# Refusals and missing answers, in words.
-
 REFUSED1 = Error1.ANGLE_LIMIT | Error1.RANGE | Error1.CHECKSUM | Error1.INSTRUCTION
-"""Error bits of protocol 1.0 that are about the instruction; the others show the servo's state."""
+"""1.0 error bits about the instruction. The others show the servo's state."""
 _WORDS2 = {
     Error2.RESULT_FAIL: "it could not carry the instruction out",
     Error2.INSTRUCTION: "this instruction is not supported, or Action without a registered write",
@@ -154,17 +149,17 @@ LOOK_FOR_POWER = "Check power, wiring, id, baud rate and protocol, or whether th
 
 
 def refusal(protocol: int, error: int) -> int:
-    """The part of an error byte that refuses the instruction: a number (2.0) or bits (1.0); 0: it was accepted."""
+    """Return the part of an error byte that refuses the instruction: a number (2.0) or bits (1.0); 0: accepted."""
     return error & REFUSED1 if protocol == 1 else error & 0x7F
 
 
 def state(protocol: int, error: int) -> int:
-    """The part of an error byte about the servo itself: ALERT (2.0), or voltage, overheating, overload (1.0)."""
+    """Return the part of an error byte about the servo itself: ALERT (2.0), or voltage, overheating, overload (1.0)."""
     return error & 0x7F & ~REFUSED1 if protocol == 1 else error & 0x80
 
 
 def words(protocol: int, number: int) -> str:
-    """A refusal in words."""
+    """Return a refusal in words."""
     if protocol == 1:
         texts = [text for bit, text in _WORDS1.items() if number & bit]
     else:
@@ -173,30 +168,25 @@ def words(protocol: int, number: int) -> str:
 
 
 class ServoError(BusError):
-    """A servo refused an instruction; or the request is impossible, and was not sent."""
+    """A servo refused an instruction, or the request is impossible and was not sent."""
 
 
 class NoAnswer(BusError):
-    """A servo gave no complete answer in all tries. damaged: tries in which bytes came nevertheless."""
+    """A servo gave no complete answer in all tries. damaged: tries in which bytes came."""
 
     def __init__(self, what: str, *, where: str, found: str, then: str, damaged: int) -> None:
         super().__init__(what, where=where, found=found, then=then)
         self.damaged = damaged
 
 
-# The port that dynamixel-sdk's packet handlers need, over a `BytePort`. The SDK's own port polls, waits 34 ms and more
-# for an answer that does not come, and stays "in use" for ever after an exception.
-
 SPARE_BYTES = 8
-"""The SDK asks for the shortest answer's time; one that is stuffed is longer."""
+"""The SDK expects the shortest answer. A stuffed one is longer."""
 
 
 class SdkPort:
-    """The SDK's PortHandler as its packet handlers see it, for one request. Reads sleep; deadlines are of the port's
-    own clock. wait: s added to the time of the bytes.
-
-    Bytes equal to what was just sent are the echo of a half-duplex adapter: dropped.
-    """
+    """PortHandler of the SDK for one request over a `BytePort`. The SDK's own one polls, waits 34 ms for a missing
+    answer, and stays in use after an exception. An echo of the request is dropped. wait: s, in addition to the
+    bytes."""
 
     is_using = False
 
@@ -209,26 +199,26 @@ class SdkPort:
 
     @property
     def echo(self) -> int:
-        """Bytes of what was sent that came back: all or none."""
+        """Bytes of the request that came back: all or none."""
         return len(self._sent) if self._arrived.startswith(self._sent) else 0
 
     @property
     def answered(self) -> bool:
-        """Whether bytes have arrived that are not the echo."""
+        """True if bytes other than the echo have arrived."""
         return len(self._arrived) > self.echo
 
     def clearPort(self) -> None:
-        """Forget what has arrived."""
+        """Drop the input."""
         self._port.drop()
 
     def writePort(self, packet: list[int]) -> int:
-        """Send; the number of bytes."""
+        """Send. Return the number of bytes."""
         self._sent = bytes(packet)
         self._port.write(self._sent)
         return len(self._sent)
 
     def readPort(self, length: int) -> bytes:
-        """Read at most `length` bytes; waits for the first of them, until the deadline at most."""
+        """Return at most `length` bytes. Waits for the first of them until the deadline."""
         while length > 0 and (len(self._arrived) <= self._read or self._sent.startswith(self._arrived)):
             self._port.wait(self._deadline)
             late = self._port.now() >= self._deadline
@@ -240,28 +230,27 @@ class SdkPort:
         return bytes(self._arrived[begin : self._read])
 
     def setPacketTimeout(self, packet_length: int) -> None:
-        """Wait for an answer of so many bytes, to what was just sent."""
+        """Set the deadline of an answer of so many bytes to the request just sent."""
         count = len(self._sent) + packet_length + SPARE_BYTES
         self._deadline = self._port.now() + 10 * count / self._port.baud + self._wait
 
     def isPacketTimeout(self) -> bool:
-        """Whether the deadline has passed."""
+        """True if the deadline has passed."""
         return self._port.now() >= self._deadline
 
 
 MODEL_BYTES = 3
 """Protocol 1.0: model number and firmware, from address 0."""
 LONGEST_READ = 230
-"""Bytes of one answer that the SDK takes in both protocols."""
+"""Largest answer, bytes, that the SDK accepts in both protocols."""
 
 
 class OneOff:
     """Requests to one servo at a time, on an open port.
 
-    return_delay: s, the longest Return Delay Time on the line. retries: further tries after silence or damage. alerted:
-    ids whose last answer reported a hardware error (2.0: ALERT; 1.0: voltage, overheating, overload). echoes: requests
-    that the adapter gave back; a ping of 1.0 proves nothing, as its answer can equal it. Raises ServoError when a servo
-    refuses, NoAnswer when it stays silent, BusError when the port is gone.
+    return_delay: longest Return Delay Time on the line, s. retries: after silence or damage. alerted: ids whose last
+    answer reported a hardware error. echoes: requests that the adapter returned (a 1.0 ping proves nothing, as its
+    answer can equal it). Raises ServoError for a refusal, NoAnswer for silence, BusError when the port is gone.
     """
 
     def __init__(self, port: BytePort, protocol: int, *, return_delay: float = 0.0005, retries: int = 2) -> None:
@@ -273,29 +262,29 @@ class OneOff:
         self.echoes = 0
 
     def ping(self, device: int) -> FoundServo | None:
-        """The servo with this id; None when no servo answers. If the last answer came damaged: found, with `clash`."""
+        """Return the servo with this id, or None. If the last answer came damaged, it is returned with `clash`."""
         self._check_id(device)
         found = None
         for done in range(1 + self.retries):
-            found = self.probe(device, SLACK * 2**done)
+            found = self.probe(device, ANSWER_SLACK * 2**done)
             if found is not None and not found.clash:
                 break
         return found
 
     def scan(self, ids: Iterable[int], *, alone: Iterable[int] | None = None) -> list[FoundServo]:
-        """The servos with these ids, and others that answer a broadcast ping (2.0), by id.
+        """Return the servos with these ids, and others that answer a broadcast ping (2.0), by id.
 
-        Ids that do not answer the broadcast are pinged alone (only those of `alone`, where it is given); all of them,
-        when some answer was damaged.
+        Ids that do not answer the broadcast are pinged alone (only those of `alone`, if given); all are, if an answer
+        was damaged.
         """
-        wanted = sorted(set(ids))
-        quiet = wanted if alone is None else sorted(set(alone))
-        for device in wanted:
+        expected = sorted(set(ids))
+        quiet = expected if alone is None else sorted(set(alone))
+        for device in expected:
             self._check_id(device)
         found: dict[int, FoundServo] = {}
-        left = wanted
-        if self.protocol == 2 and wanted:
-            received = broadcast_ping(self.port, wanted[-1], SLACK)
+        left = expected
+        if self.protocol == 2 and expected:
+            received = broadcast_ping(self.port, expected[-1], ANSWER_SLACK)
             times = Counter(answer.id for answer in received.answers)
             for answer in received.answers:
                 found.setdefault(answer.id, found_by_ping(answer, clash=times[answer.id] > 1))
@@ -305,35 +294,34 @@ class OneOff:
             if not received.damaged:
                 left = [device for device in quiet if device not in found]
         for device in left:
-            one = self.probe(device, SLACK)
+            one = self.probe(device, ANSWER_SLACK)
             if one is not None:
                 clash = one.clash or (device in found and found[device].clash)
                 found[device] = replace(one, clash=clash)
         return [found[device] for device in sorted(found)]
 
     def read(self, device: int, register: Register) -> int:
-        """A register's value, in counts."""
+        """Return a register's value, counts."""
         return register.decode(self.read_block(device, register.address, register.size, register.name))
 
     def read_block(self, device: int, address: int, length: int, register: str = "") -> bytes:
-        """`length` bytes from `address`; register: its name in messages."""
+        """Return `length` bytes from `address`. register: its name in messages."""
         if not 1 <= length <= LONGEST_READ:
             raise self._impossible(device, f"read {length} bytes", f"1 to {LONGEST_READ}")
         codec = CODECS[self.protocol]
         params = codec.number(address) + codec.number(length)
-        asked = f"read {length} bytes from {address}"
-        return self._ask(device, Instruction.READ, params, asked=asked, register=register, size=length).data
+        action = f"read {length} bytes from {address}"
+        return self._request(device, Instruction.READ, params, action=action, register=register, size=length).data
 
     def write(self, device: int, register: Register, value: int, verify: bool = False) -> None:
-        """Write counts. verify: read them back (also where the servo's Status Return Level excludes answers to
-        writes)."""
+        """Write counts. verify: read them back, also from a servo that does not answer writes."""
         where = self._where(device, register.name)
         try:
             params = CODECS[self.protocol].number(register.address) + register.encode(value)
         except ValueError as error:
             raise ServoError(str(error), where=where) from error
         try:
-            self._ask(device, Instruction.WRITE, params, asked=f"write {value}", register=register.name)
+            self._request(device, Instruction.WRITE, params, action=f"write {value}", register=register.name)
         except NoAnswer:
             if not verify:
                 raise
@@ -342,41 +330,43 @@ class OneOff:
             raise ServoError(f"the servo did not keep {value}", where=where, found=kept)
 
     def reboot(self, device: int) -> None:
-        """Restart a servo; it stays silent for some 0.1 s. Protocol 2.0 only."""
+        """Restart a servo, which is silent for about 0.1 s. Protocol 2.0 only."""
         if self.protocol == 1:
             raise self._impossible(device, "reboot", "protocol 2.0 only")
-        self._ask(device, Instruction.REBOOT, b"", asked="reboot")
+        self._request(device, Instruction.REBOOT, b"", action="reboot")
 
-    def _ask(
-        self, device: int, code: Instruction, params: bytes, *, asked: str, register: str = "", size: int | None = None
+    def _request(
+        self, device: int, code: Instruction, params: bytes, *, action: str, register: str = "", size: int | None = None
     ) -> Status:
-        """Send, and return the answer, with `size` bytes of data where that is known. Bounded tries, each waits
-        longer."""
+        """Send, and return the answer, with `size` bytes of data if given. Each try waits longer."""
         self._check_id(device)
         damaged, tries, where = 0, 1 + self.retries, self._where(device, register)
         for done in range(tries):
-            sdk = SdkPort(self.port, self._wait + SLACK * 2**done)
+            sdk = SdkPort(self.port, self._wait + ANSWER_SLACK * 2**done)
             answer = self._exchange(sdk, device, code, params)
             self.echoes += sdk.echo > 0
-            fits = answer is not None and self._fits(answer, size)
+            number = 0 if answer is None else refusal(self.protocol, answer.error)
+            # An answer to a damaged instruction, or a stale one of another size, does not count.
+            garbled = number & Error1.CHECKSUM if self.protocol == 1 else number == Error2.CRC
+            sized = bool(number) or size is None or (answer is not None and len(answer.data) == size)
+            fits = answer is not None and not garbled and sized
             if done or not fits:
                 settle(self.port)
             if answer is None or not fits:
                 damaged += sdk.answered
                 continue
             self._note(device, state(self.protocol, answer.error))
-            number = refusal(self.protocol, answer.error)
             if number:
                 then = _NEXT2.get(number, "") if self.protocol == 2 else ""
                 found = f"error {number}: {words(self.protocol, number)}"
-                raise ServoError(f"the servo refused {asked}", where=where, found=found, then=then)
+                raise ServoError(f"the servo refused {action}", where=where, found=found, then=then)
             return answer
         found = f"{tries} tries, {damaged} damaged answers" if damaged else f"{tries} tries, silence"
         then = LOOK_FOR_NOISE if damaged else LOOK_FOR_POWER
-        raise NoAnswer(f"no answer to {asked}", where=where, found=found, then=then, damaged=damaged)
+        raise NoAnswer(f"no answer to {action}", where=where, found=found, then=then, damaged=damaged)
 
     def _exchange(self, sdk: SdkPort, device: int, code: Instruction, params: bytes) -> Status | None:
-        """Send one instruction through the SDK; None without a complete answer."""
+        """Send one instruction through the SDK. Return None without a complete answer."""
         if self.protocol == 1:
             head, tail, at = [0, 0, device, len(params) + 2, code], 1, 2
         else:
@@ -391,14 +381,8 @@ class OneOff:
         length2 = frame[5] | frame[6] << 8
         return Status(device, frame[8], frame[9 : length2 + 5]) if length2 >= 4 else None
 
-    def _fits(self, answer: Status, size: int | None) -> bool:
-        """Whether it is an answer to what was asked: not to a damaged instruction, nor a stale one of another size."""
-        number = refusal(self.protocol, answer.error)
-        garbled = number & Error1.CHECKSUM if self.protocol == 1 else number == Error2.CRC
-        return not garbled and (bool(number) or size is None or len(answer.data) == size)
-
     def probe(self, device: int, slack: float) -> FoundServo | None:
-        """Ping one id once, and wait for a second answer too; slack: s, see SLACK."""
+        """Ping one id once, and wait for a second answer too. slack: s, see ANSWER_SLACK."""
         received = ping_alone(self.port, self.protocol, device, self._wait + slack)
         if received.damaged:
             settle(self.port)
@@ -412,7 +396,7 @@ class OneOff:
         return found_by_ping(own[0], clash=len(own) > 1)
 
     def _found1(self, device: int, *, answered: bool, clash: bool) -> FoundServo | None:
-        """A 1.0 servo: a ping returns no model, so it is read; a servo may be set to answer pings only."""
+        """Return a 1.0 servo. A ping returns no model, so it is read; a servo may answer pings only."""
         try:
             data = self.read_block(device, 0, MODEL_BYTES)
         except (ServoError, NoAnswer):

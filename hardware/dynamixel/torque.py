@@ -21,34 +21,32 @@ from hardware.dynamixel.single_requests import NoAnswer, ServoError
 from hardware.errors import BusError, HardwareError
 from hardware.servo import ServoSpec
 
-# Registers of many servos of one bus, read, or written and read back; servos that fail are named.
-
-CHECK_BUS = "Check power and wiring, or whether the host is too busy"
-TRIES = 2
-"""Times that a value is written to servos that do not keep it."""
+CHECK_WIRING = "Check power and wiring, or whether the host is too busy"
+CONFIRM_TRIES = 2
+"""Writes to servos that do not keep a value."""
 
 
 def register_of(line: BusLine, name: str) -> Register:
-    """A register that all servos of a bus keep in one place."""
+    """Return a register that all servos of a bus keep in one place."""
     return next(iter(line.images.values())).table[name]
 
 
 def read_from_all(line: BusLine, name: str, ids: Sequence[int]) -> dict[int, int]:
-    """Read a register of servos: counts by id. Raises BusError with those that do not answer."""
+    """Return the counts of a register by id. Raises BusError naming those that do not answer."""
     found = line.read_all(register_of(line, name), ids)
     silent = [line.name_of(device) for device in ids if device not in found]
     if silent:
-        raise BusError(f"no answer from {', '.join(silent)}", where=line.where, then=CHECK_BUS)
+        raise BusError(f"no answer from {', '.join(silent)}", where=line.where, then=CHECK_WIRING)
     return found
 
 
 def written(line: BusLine, register: Register, values: Mapping[int, int]) -> dict[int, int | None]:
-    """Write one register of several servos (counts by id), read it back, and write once more what was lost.
+    """Write one register of several servos (counts by id), read it back, and repeat lost writes.
 
-    Returns what is still wrong: the counts that the register holds by id, None without an answer.
+    Returns the wrong counts by id, None without an answer.
     """
     left, kept = dict(values), dict[int, int]()
-    for _ in range(TRIES):
+    for _ in range(CONFIRM_TRIES):
         if left:
             line.write_all(register, left.items())
             kept = line.read_all(register, list(left))
@@ -57,14 +55,14 @@ def written(line: BusLine, register: Register, values: Mapping[int, int]) -> dic
 
 
 def write_and_read(line: BusLine, register: Register, values: Mapping[int, int]) -> None:
-    """Write one register of several servos (counts by id), so that each holds its value. Raises BusError."""
+    """Write one register of several servos (counts by id) and confirm it. Raises BusError."""
     wrong = written(line, register, values)
     if wrong:
         raise not_kept(line, register, values, wrong)
 
 
 def not_kept(line: BusLine, register: Register, values: Mapping[int, int], wrong: Mapping[int, int | None]) -> BusError:
-    """The error for servos that did not keep their values. wrong: see `written`."""
+    """Return the error for servos that did not keep their values. wrong: see `written`."""
     found = ", ".join(
         f"{line.name_of(one)} " + ("silent" if kept is None else f"{kept} instead of {values[one]}")
         for one, kept in wrong.items()
@@ -77,7 +75,7 @@ def not_kept(line: BusLine, register: Register, values: Mapping[int, int], wrong
 
 
 GOAL_SLACK = 0.06
-"""[rad] of the shaft that a limp joint may have moved since its goal was set to its position."""
+"""[rad] Largest motion of a limp joint's shaft since its goal was set to its position."""
 
 
 def arm_watchdogs(line: BusLine) -> None:
@@ -91,10 +89,7 @@ def arm_watchdogs(line: BusLine) -> None:
 
 
 def feed_watchdogs(lines: Sequence[BusLine]) -> None:
-    """Write on every bus, without an answer: while one bus is busy, watchdogs on the others must not trip.
-
-    Raises BusError when a port is gone.
-    """
+    """Write on every bus, so that no watchdog trips while another bus is busy. Raises BusError when a port is gone."""
     for line in lines:
         watched = _watched(line)
         if watched:
@@ -103,19 +98,19 @@ def feed_watchdogs(lines: Sequence[BusLine]) -> None:
 
 
 def check_still(line: BusLine, goals: dict[int, int]) -> None:
-    """Check that every servo answers and is still at its goal (by id, ticks). Raises BusError."""
+    """Check that every servo answers and is at its goal (by id, ticks). Raises BusError."""
     _refuse_moved(line, read_from_all(line, "present_position", list(goals)), goals)
 
 
 def confirm_goals(line: BusLine, goals: dict[int, int]) -> None:
-    """Send goals (by id, ticks), and check that every register holds its goal and every servo is still at it.
+    """Send goals (by id, ticks) until the servos' registers hold them, and check that no servo has moved.
 
     No servo confirms a goal, and torque moves a servo to the goal in its register. Goal and position are read in one
-    request: no late answer to another one can be taken for it. Raises BusError.
+    request, so that no late answer is mistaken. Raises BusError.
     """
     goal, present = (register_of(line, name) for name in ("goal_position", "present_position"))
     left, kept = list(goals), dict[int, bytes]()
-    for _ in range(TRIES):
+    for _ in range(CONFIRM_TRIES):
         line.write_all(goal, [(device, goals[device]) for device in left])
         kept |= line.read_span(goal.address, present.end - goal.address, left)
         left = [one for one in goals if one not in kept or goal.decode(kept[one][: goal.size]) != goals[one]]
@@ -128,7 +123,7 @@ def confirm_goals(line: BusLine, goals: dict[int, int]) -> None:
 
 
 def wake(line: BusLine, ids: Sequence[int]) -> None:
-    """Write the registers that themselves switch torque on (WAKING), now that it may come on. Raises BusError."""
+    """Write the registers that themselves switch torque on (WAKING). Raises BusError."""
     for name, value in WAKING.items():
         held = [device for device in ids if line.images[device].table.has(name)]
         if held:
@@ -142,13 +137,13 @@ def enable(line: BusLine, ids: Sequence[int]) -> None:
         raise BusError(
             "servos do not switch their torque on",
             where=line.where,
-            found=", ".join(_why_off(line, device, said) for device, said in off.items()),
+            found=", ".join(_why_off(line, device, held) for device, held in off.items()),
             then="See `retarget servo monitor`; a latched error is cleared by `retarget servo reboot`",
         )
 
 
 def not_limp(line: BusLine, ids: Iterable[int]) -> list[int]:
-    """Those with torque, and those that do not answer. Raises BusError when the port is gone."""
+    """Return the servos with torque, and those that do not answer. Raises BusError when the port is gone."""
     found: dict[int, int] = {}
     ids = list(ids)
     for register, own in line.places("torque_enable", ids).items():
@@ -157,10 +152,10 @@ def not_limp(line: BusLine, ids: Iterable[int]) -> list[int]:
 
 
 def off_everywhere(buses: Mapping[BusLine, Collection[int]]) -> list[str]:
-    """Switch the torque of servos off, by bus their ids: the command goes to all before any is read back.
+    """Switch the torque of servos off, given by bus and id. The command goes to all before any is read back.
 
-    Returns what did not confirm it, a text each. After an interrupt the remaining buses are still switched off; it is
-    raised at the end.
+    Returns those that did not confirm, a text each. After an interrupt the other buses are still switched off; then it
+    is raised.
     """
     unsure: list[str] = []
     interrupt: BaseException | None = None
@@ -186,7 +181,7 @@ def _send_off(line: BusLine, ids: Iterable[int]) -> list[str]:
 
 
 def _confirm_off(line: BusLine, ids: Iterable[int]) -> list[str]:
-    """Read torque back, and switch it off again where it is on; clear the watchdogs of servos that are off."""
+    """Read torque back, repeat it if it is on, and clear the watchdogs of servos that are off."""
     left = not_limp(line, ids)
     if left:
         _send_off(line, left)
@@ -198,7 +193,6 @@ def _confirm_off(line: BusLine, ids: Iterable[int]) -> list[str]:
 
 
 def _refuse_moved(line: BusLine, present: dict[int, int], goals: dict[int, int]) -> None:
-    """Raise BusError for servos that are not where their goals are."""
     slack = {device: GOAL_SLACK / line.servos[device].model.tick_rad for device in goals}
     far = [device for device in goals if abs(present[device] - goals[device]) > slack[device]]
     if far:
@@ -212,13 +206,13 @@ def _refuse_moved(line: BusLine, present: dict[int, int], goals: dict[int, int])
 
 
 def _watched(line: BusLine) -> list[int]:
-    """Servos with a bus watchdog: X layout, firmware 38 and later."""
+    """Return the servos with a bus watchdog: X layout, firmware 38 and later."""
     return [device for device, image in line.images.items() if image.table.has("bus_watchdog")]
 
 
-def _why_off(line: BusLine, device: int, said: int | None) -> str:
+def _why_off(line: BusLine, device: int, held: int | None) -> str:
     name = line.name_of(device)
-    if said is None:
+    if held is None:
         return f"{name} does not answer"
     bits = 0
     if line.images[device].has("hardware_error_status"):
@@ -226,14 +220,12 @@ def _why_off(line: BusLine, device: int, said: int | None) -> str:
     return f"{name} " + (f"has latched {alert_text(bits)}" if bits else "stays off")
 
 
-# The limit of the drive while torque comes up: little at first, then what the profile wants.
-
 FIRST_DRIVE = 0.1
 """Share of the full drive with which torque comes on."""
 
 
 class BusDrive:
-    """The drive of all servos of a bus. Those in `limp` begin with FIRST_DRIVE; others never get less than they have,
+    """The drive limit of all servos of a bus. Limp ones begin with FIRST_DRIVE; others never get less than they have,
     since they carry the robot."""
 
     def __init__(self, line: BusLine, limp: Collection[int]) -> None:
@@ -246,30 +238,32 @@ class BusDrive:
 
     @property
     def limited(self) -> bool:
-        """Whether any servo has less than its full drive, or is limp."""
+        """True if a servo is below its full drive."""
         return any(self._least[device] < full.value for device, full in self._full.items())
 
     def send(self, share: float) -> None:
-        """Allow a share of the full drive; no servo confirms. Raises BusError when the port is gone."""
+        """Allow a share of the full drive, without confirmation. Raises BusError when the port is gone."""
         for register, values in self._values(share):
             self._line.write_all(register, values.items())
 
     def limit(self, share: float, driven: BoolArray) -> None:
-        """Allow a share of the full drive, also to servos that carry the robot; no servo confirms. driven (n,): those
-        with torque, in servo order; others may have switched themselves off by this register. Raises BusError when the
-        port is gone."""
+        """Allow a share of the full drive, also to servos that carry the robot, without confirmation.
+
+        driven (n,): servos with torque, in servo order; others may have switched themselves off by this register.
+        Raises BusError when the port is gone.
+        """
         self._least = dict.fromkeys(self._least, 1)
         for register, values in self._values(share):
             own = {one: value for one, value in values.items() if driven[self._line.index_of[one]]}
             self._line.write_all(register, own.items())
 
     def confirm(self, share: float) -> None:
-        """Allow a share of the full drive, and read it back from all servos. Raises BusError."""
+        """Allow a share of the full drive, and read it back. Raises BusError."""
         for register, values in self._values(share):
             write_and_read(self._line, register, values)
 
     def _values(self, share: float) -> list[tuple[Register, dict[int, int]]]:
-        """Registers with counts by id: which one limits the drive depends on layout and mode."""
+        """Return counts by id for each register that limits the drive, which depends on layout and mode."""
         found: dict[str, tuple[Register, dict[int, int]]] = {}
         for device, (register, full) in self._full.items():
             values = found.setdefault(register.name, (register, {}))[1]
@@ -277,15 +271,11 @@ class BusDrive:
         return list(found.values())
 
 
-# Provisioning: the profile's values are written and read back, EEPROM first, since a change of mode resets RAM.
-
-
 def provision(line: BusLine, servo: ServoSpec, *, limp: bool) -> list[str]:
     """Write the profile's values into one servo where they differ. Return the changes, one text each.
 
-    limp: it has no torque. A servo with torque does not accept EEPROM values. For a limp one, values that would switch
-    it on are left to `wake`. Raises BusError (NoAnswer, ServoError) when it does not answer, refuses,
-    or does not keep a value.
+    EEPROM comes first, since a change of mode resets RAM. limp: it has no torque; values that would switch it on are
+    left to `wake`. Raises BusError (NoAnswer, ServoError) if it does not answer, refuses, or does not keep a value.
     """
     table = line.images[servo.id].table
     image = read_image(line.client, servo.id, table)
@@ -307,8 +297,6 @@ def provision(line: BusLine, servo: ServoSpec, *, limp: bool) -> list[str]:
     return changed
 
 
-# Torque on for a whole robot: all that it needs is written and confirmed first, then the drive rises.
-
 RAMP_TIME = 0.5
 """[s] From the first drive to the full one."""
 RAMP_STEP = 0.02
@@ -316,7 +304,7 @@ RAMP_STEP = 0.02
 
 
 class Ready(NamedTuple):
-    """One bus as it was before torque. limp: the servos without it."""
+    """One bus before torque. limp: servos without torque."""
 
     line: BusLine
     limp: tuple[int, ...]
@@ -325,8 +313,8 @@ class Ready(NamedTuple):
 def prepare(lines: Sequence[BusLine], notify: Callable[[str], object], *, limp_only: bool = False) -> list[Ready]:
     """Provision all servos: limp ones wholly, those with torque in RAM only.
 
-    limp_only: leave servos with torque as they are. notify: receives each change as a text. Raises BusError with the
-    value that a servo refuses, and the values that others have taken by then.
+    limp_only: skip servos with torque. notify: receives each change. Raises BusError with the value that a servo
+    refuses, and the values that others have taken.
     """
     found, changed = [], list[str]()
     for line in lines:
@@ -348,8 +336,8 @@ def prepare(lines: Sequence[BusLine], notify: Callable[[str], object], *, limp_o
 def switch_on(ready: Sequence[Ready], goals: Sequence[dict[int, int]]) -> list[BusDrive]:
     """Send the goals of each bus (by id, ticks), confirm them, and switch torque on with little drive.
 
-    Call `check_still` on all buses before: from here on torque may be on (1.0 servos switch it on when they get
-    a goal). Returns the drive of each bus, to be raised. Raises BusError.
+    Call `check_still` on all buses before, since torque may be on from here (a goal wakes 1.0 servos). Returns the
+    drive of each bus, to be raised. Raises BusError.
     """
     drives = []
     for (line, limp), own in zip(ready, goals, strict=True):
@@ -371,8 +359,7 @@ def switch_on(ready: Sequence[Ready], goals: Sequence[dict[int, int]]) -> list[B
 
 
 def raise_drive(lines: Sequence[BusLine], drives: Sequence[BusDrive], watch: Callable[[], None]) -> None:
-    """Raise the drive from the first share to the full one, within RAMP_TIME. watch: called at every step; what it
-    raises ends the ramp.
+    """Raise the drive to the full one within RAMP_TIME. watch: called at every step; its exception ends the ramp.
 
     Raises BusError.
     """
@@ -389,19 +376,17 @@ def raise_drive(lines: Sequence[BusLine], drives: Sequence[BusDrive], watch: Cal
         drive.confirm(1.0)
 
 
-# Restarting servos to clear their latched errors, and checking that they are back, without errors and limp.
-
 BOOT = 0.3
-"""[s] Before a restarted servo is first asked."""
-PATIENCE = 3.0
-"""[s] After which a servo that has not answered is given up."""
-STEP = 0.1
+"""[s] Between a restart and the first ping."""
+RESTART_TIMEOUT = 3.0
+"""[s] After which a silent servo is abandoned."""
+PING_PERIOD = 0.1
 """[s] Between two pings."""
 
 
 @dataclass(frozen=True)
 class Restarted:
-    """The ids that were restarted, in order; and the problems afterwards, a line each."""
+    """The ids that were restarted, in order, and the problems afterwards."""
 
     ids: tuple[int, ...]
     problems: tuple[str, ...]
@@ -424,7 +409,7 @@ def restart(line: BusLine, ids: Sequence[int], stop: Callable[[], bool] = lambda
             continue  # whether it restarted is checked below
         except ServoError as error:
             problems.append(str(error))
-    deadline = line.port.now() + PATIENCE
+    deadline = line.port.now() + RESTART_TIMEOUT
     if restarted:
         line.port.sleep_until(line.port.now() + BOOT)
     for device in restarted:
@@ -436,7 +421,7 @@ def _afterwards(line: BusLine, device: int, deadline: float) -> list[str]:
     name = f"{line.servos[device].joint} (id {device})"
     found = line.client.ping(device)
     while found is None and line.port.now() < deadline:
-        line.port.sleep_until(line.port.now() + STEP)
+        line.port.sleep_until(line.port.now() + PING_PERIOD)
         found = line.client.ping(device)
     if found is None:
         return [f"{name} has not come back: check its power and its wiring"]

@@ -237,7 +237,7 @@ def port_findings(
     if refusal is not None:
         return [refusal]
     timer = serial_port.latency_timer_ms(path, devices)
-    limits = {"timer": -1 if timer is None else timer, "wanted": serial_port.WANTED_MS}
+    limits = {"timer": -1 if timer is None else timer, "wanted": serial_port.LOW_TIMER_MS}
     found = [
         finding("servo port", subject=path, target=Path(path).resolve()),
         *_holders(path, processes),

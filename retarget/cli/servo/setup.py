@@ -6,7 +6,7 @@ from dataclasses import replace
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import tables
 from hardware.dynamixel.found_servos import LEVEL
-from hardware.dynamixel.settings import ANSWER_ALL, Asked, settings_of
+from hardware.dynamixel.settings import ANSWER_ALL, SetupRequest, settings_of
 from hardware.errors import HardwareError
 from retarget.cli.servo.places import ServoTarget, Where, check_speed, find_target, opened
 from retarget.cli.servo.setup_all import set_up_all
@@ -39,7 +39,7 @@ def check_device(device: int, protocol: int | None) -> None:
         )
 
 
-def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
+def check_asked(asked: SetupRequest, protocol: int | None, model: str | None) -> None:
     """Raise UsageError for what no servo (of this protocol, of this model; None: any) can hold."""
     check_speed(protocol, asked.baud)
     if asked.registers.get(LEVEL) == ANSWER_ALL:  # any servo can hold it, be it in RAM
@@ -90,12 +90,11 @@ def setup(
         return_delay US: Pause before it answers, us.
         register NAME=VALUE: Any other of its EEPROM, as drive_mode=4.
         everything (--all): All servos of the robot, one after the other.
-        yes: Do not ask.
         dry_run: Read and show, write nothing.
     """
     if device is not None:
         check_device(device, protocol)
-    asked = Asked(new_id, baud, None if return_delay is None else 1e-6 * return_delay, registers_of(register))
+    asked = SetupRequest(new_id, baud, None if return_delay is None else 1e-6 * return_delay, registers_of(register))
     if everything:
         _check_all(where, {"--joint": joint, "--id": device, "--new-id": new_id, "--protocol": protocol}, asked)
         set_up_all(where, asked, yes=yes, dry_run=dry_run)
@@ -107,7 +106,7 @@ def setup(
         set_up(target, asked, find_one(place, target.device, protocol), yes=yes, dry_run=dry_run)
 
 
-def _check_all(where: Where, options: Mapping[str, object], asked: Asked) -> None:
+def _check_all(where: Where, options: Mapping[str, object], asked: SetupRequest) -> None:
     """Raise UsageError for options that all servos of a robot cannot share, and where no robot is named."""
     if where.robot is None:
         raise UsageError("the servos of which robot", where="--all", allowed="--robot NAME beside it")
@@ -117,12 +116,12 @@ def _check_all(where: Where, options: Mapping[str, object], asked: Asked) -> Non
     check_asked(asked, None, None)
 
 
-def _check(target: ServoTarget, asked: Asked, protocol: int | None) -> None:
+def _check(target: ServoTarget, asked: SetupRequest, protocol: int | None) -> None:
     """Raise UsageError for what is impossible, before a port is opened."""
     servo, spec = target.servo, target.place.spec
     if servo is None:
         check_asked(asked, protocol, None)
-        if spec is not None and asked == Asked():
+        if spec is not None and asked == SetupRequest():
             known = ", ".join(str(one.id) for _, one in target.place.servos)
             raise UsageError(
                 "no servo of the profile has this id",

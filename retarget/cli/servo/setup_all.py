@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 from hardware.dynamixel import opencr
 from hardware.dynamixel.found_servos import answers_pings_only, is_powered, switch_power_on
 from hardware.dynamixel.line_scan import PROTOCOLS, Sighting, Speed, likely_speeds
-from hardware.dynamixel.settings import Asked, differing, read_image, settings_of
+from hardware.dynamixel.settings import SetupRequest, differing, read_image, settings_of
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
-from retarget.cli.application import answered, ask
+from retarget.cli.application import answered, confirmed
 from retarget.cli.exit import echo
 from retarget.cli.servo.find_port import TERMINAL
 from retarget.cli.servo.places import (
@@ -30,7 +30,7 @@ DOUBLE = "2X"
 """How the names of models begin of which one case holds two servos: they cannot be connected alone."""
 
 
-def set_up_all(where: Where, asked: Asked, *, yes: bool, dry_run: bool) -> None:
+def set_up_all(where: Where, asked: SetupRequest, *, yes: bool, dry_run: bool) -> None:
     """Walk through all servos; see `setup`. asked: what each is to get besides what its profile says."""
     walk = SetupWalk(all_targets(where, yes=yes), asked, yes=yes, dry_run=dry_run)
     echo(
@@ -51,7 +51,7 @@ class SetupWalk:
     """Set-up of a robot's servos, in the profile's order. ready: joints whose servos are set up."""
 
     targets: list[ServoTarget]
-    asked: Asked
+    asked: SetupRequest
     yes: bool
     dry_run: bool
     ready: set[str] = field(default_factory=set)
@@ -138,7 +138,7 @@ class SetupWalk:
             raise BusError("no servo answers at the usual speeds", where=place.where, then=then)
         if len(found) == 1 and not self.yes:
             question = f"This is {others[0]} (id {found[0][0].found.id}), set up already. Make it {joint}?"
-            if ask(question, enter=False, where=WHERE):
+            if confirmed(question, enter=False, where=WHERE):
                 self.ready.discard(others[0])
                 return found[0][0]
         text = ", ".join(others)
@@ -172,7 +172,7 @@ class SetupWalk:
         if is_powered(client, switch):
             return False
         question = f"device {switch.id} has the servos' power switched off. Switch it on, now and for each servo?"
-        self._powers = self._powers or self.yes or ask(question, where=WHERE)
+        self._powers = self._powers or self.yes or confirmed(question, where=WHERE)
         if self._powers:
             switch_power_on(place.port, client, switch)
         return self._powers

@@ -4,18 +4,27 @@ from dataclasses import replace
 
 import typer
 
-from hardware.dynamixel.checks import wishes
+from hardware.dynamixel.checks import profile_values
 from hardware.dynamixel.control_table import usual_table
 from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only
 from hardware.dynamixel.line_scan import Sighting, Speed, write_setting
-from hardware.dynamixel.settings import ANSWER_ALL, Asked, ServoImage, Setting, in_units, plan, read_image, settings_of
+from hardware.dynamixel.settings import (
+    ANSWER_ALL,
+    ServoImage,
+    Setting,
+    SetupRequest,
+    in_units,
+    plan,
+    read_image,
+    settings_of,
+)
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
 from retarget.cli.exit import echo, stop_on_signals
 from retarget.cli.servo.places import Only, ServoPort, ServoTarget, agreed, chosen_speeds, search
 
 
-def wanted_of(target: ServoTarget, asked: Asked, seen: Sighting, image: ServoImage) -> Asked:
+def wanted_of(target: ServoTarget, asked: SetupRequest, seen: Sighting, image: ServoImage) -> SetupRequest:
     """The options, completed by the profile.
 
     Status Return Level is left out where it is in RAM: a servo with status return off was set before, and every run
@@ -35,8 +44,8 @@ def wanted_of(target: ServoTarget, asked: Asked, seen: Sighting, image: ServoIma
             allowed=f"{servo.model.name}, protocol {bus.protocol}.0",
             then="Check which servo it is, or correct the profile",
         )
-    profiled = wishes(servo, bus, image, target.needed)
-    return Asked(
+    profiled = profile_values(servo, bus, image, target.needed)
+    return SetupRequest(
         servo.id if asked.new_id is None else asked.new_id,
         bus.baud if asked.baud is None else asked.baud,
         bus.return_delay if asked.return_delay is None else asked.return_delay,
@@ -44,7 +53,7 @@ def wanted_of(target: ServoTarget, asked: Asked, seen: Sighting, image: ServoIma
     )
 
 
-def set_up(target: ServoTarget, asked: Asked, seen: Sighting, *, yes: bool, dry_run: bool) -> bool:
+def set_up(target: ServoTarget, asked: SetupRequest, seen: Sighting, *, yes: bool, dry_run: bool) -> bool:
     """Write into a servo, seen on the open port of the target, what it is to hold; whether it holds all of it then.
 
     Shows what it is and what it gets, and asks (`yes`: does not). Raises BusError.
@@ -83,7 +92,9 @@ def _preview(image: ServoImage, due: list[Setting]) -> None:
         echo(f"  {name}: {image.value(name)} -> {one.value}" + (f" ({meaning})" if meaning else ""))
 
 
-def _make_responsive(target: ServoTarget, asked: Asked, seen: Sighting, *, yes: bool, dry_run: bool) -> Sighting | None:
+def _make_responsive(
+    target: ServoTarget, asked: SetupRequest, seen: Sighting, *, yes: bool, dry_run: bool
+) -> Sighting | None:
     """The servo, answering all instructions. One that answers pings only is set to, if an option or the profile says
     so.
 

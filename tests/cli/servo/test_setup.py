@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from hardware.dynamixel.checks import needed_ticks
-from hardware.dynamixel.settings import Asked
+from hardware.dynamixel.settings import SetupRequest
 from hardware.joint_map import JointMap
 from messages import refuses
 from retarget.cli.servo import places
@@ -97,25 +97,30 @@ X, AX = "XM430-W350", "AX-12A"
 @pytest.mark.parametrize(
     ("asked", "protocol", "model", "text"),
     [
-        (Asked(new_id=254), None, None, "servo setup: no such id for this servo; found 254; allowed: 0 to 252"),
-        (Asked(new_id=-1), None, X, "found -1"),
-        (Asked(return_delay=3e-6), None, None, "no such return delay for this servo; found 3 us"),
-        (Asked(return_delay=510e-6), 2, X, "allowed: 0 to 508 us, even"),
-        (Asked(return_delay=float("nan")), 2, X, "found nan us"),
-        (Asked(baud=77), None, None, "--baud: no such speed"),
-        (Asked(baud=4_500_000), 1, None, "--baud: no such speed"),
-        (Asked(baud=4_500_000), 2, "XL330-M288", "no such baud rate for this servo"),
-        (Asked(registers={"drive_mode": 300}), None, None, "no such drive_mode for this servo; found 300"),
-        (Asked(registers={"drive_mode": -1}), 2, X, "found -1"),
-        (Asked(registers={"drive_mode": 0}), 1, AX, "no such register; found 'drive_mode'"),
-        (Asked(registers={"goal_position": 1}), None, None, "no such register for this servo; found goal_position"),
-        (Asked(registers={"protocol_type": 1}), 2, X, "no such register for this servo"),
-        (Asked(registers={"max_position_limit": 4096}), 2, X, "allowed: 0 to 4095"),
-        (Asked(registers={"baud_rate": 1}), 2, X, "found baud_rate; allowed: the option --baud"),
-        (Asked(registers={"status_return_level": 1}), 2, X, "no such register for this servo"),
+        (SetupRequest(new_id=254), None, None, "servo setup: no such id for this servo; found 254; allowed: 0 to 252"),
+        (SetupRequest(new_id=-1), None, X, "found -1"),
+        (SetupRequest(return_delay=3e-6), None, None, "no such return delay for this servo; found 3 us"),
+        (SetupRequest(return_delay=510e-6), 2, X, "allowed: 0 to 508 us, even"),
+        (SetupRequest(return_delay=float("nan")), 2, X, "found nan us"),
+        (SetupRequest(baud=77), None, None, "--baud: no such speed"),
+        (SetupRequest(baud=4_500_000), 1, None, "--baud: no such speed"),
+        (SetupRequest(baud=4_500_000), 2, "XL330-M288", "no such baud rate for this servo"),
+        (SetupRequest(registers={"drive_mode": 300}), None, None, "no such drive_mode for this servo; found 300"),
+        (SetupRequest(registers={"drive_mode": -1}), 2, X, "found -1"),
+        (SetupRequest(registers={"drive_mode": 0}), 1, AX, "no such register; found 'drive_mode'"),
+        (
+            SetupRequest(registers={"goal_position": 1}),
+            None,
+            None,
+            "no such register for this servo; found goal_position",
+        ),
+        (SetupRequest(registers={"protocol_type": 1}), 2, X, "no such register for this servo"),
+        (SetupRequest(registers={"max_position_limit": 4096}), 2, X, "allowed: 0 to 4095"),
+        (SetupRequest(registers={"baud_rate": 1}), 2, X, "found baud_rate; allowed: the option --baud"),
+        (SetupRequest(registers={"status_return_level": 1}), 2, X, "no such register for this servo"),
     ],
 )
-def test_refused(asked: Asked, protocol: int | None, model: str | None, text: str) -> None:
+def test_refused(asked: SetupRequest, protocol: int | None, model: str | None, text: str) -> None:
     with pytest.raises(UsageError) as caught:
         check_asked(asked, protocol, model)
     assert text in str(caught.value)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from bus_rig import bus_of, four_servos, spec, waist_servos
 from hardware.bus import BusSpec
-from hardware.dynamixel.checks import NO_SECONDARY_ID, complaints, needed_ticks, notes, wishes
-from hardware.dynamixel.settings import Asked, ServoImage, Setting, differing, eeprom_settings, plan, settings_of
+from hardware.dynamixel.checks import NO_SECONDARY_ID, complaints, needed_ticks, notes, profile_values
+from hardware.dynamixel.settings import ServoImage, Setting, SetupRequest, differing, eeprom_settings, plan, settings_of
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode, ServoSpec
 from messages import shows
@@ -146,7 +146,7 @@ def test_with_the_wishes_written_nothing_is_wrong_or_due_any_more(
     image = ServoImage(one.table, bytes(one.memory.image))
 
     def due(held: ServoImage) -> list[Setting]:
-        asked = Asked(return_delay=bus.return_delay, registers=wishes(servo, bus, held, needed))
+        asked = SetupRequest(return_delay=bus.return_delay, registers=profile_values(servo, bus, held, needed))
         return plan(held, settings_of(held.table, asked))
 
     for setting in due(image):
@@ -175,7 +175,10 @@ def test_only_what_harms_is_changed(name: str, value: int, wanted: int) -> None:
     due = plan(
         image,
         settings_of(
-            image.table, Asked(registers=wishes(servo, bus_of([servo]), image, needed_ticks(JointMap([servo]))["j4"]))
+            image.table,
+            SetupRequest(
+                registers=profile_values(servo, bus_of([servo]), image, needed_ticks(JointMap([servo]))["j4"])
+            ),
         ),
     )
     assert [(one.register.name, one.value) for one in due] == [(name, wanted)]

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import select
 import termios
 import tty
 from collections.abc import Iterator
@@ -67,7 +68,7 @@ def test_the_kernel_is_asked_first(failure: Exception | None) -> None:
             if failure is not None:
                 raise failure
 
-    assert serial_port.ask_low_latency(Line()) == (failure is None)
+    assert serial_port.request_low_latency(Line()) == (failure is None)
     assert Line.asked
 
 
@@ -247,7 +248,14 @@ def test_unplugged_while_open(pty: Pty, port: SerialPort) -> None:
 def test_the_end_of_a_line_that_reads_as_nothing(port: SerialPort, monkeypatch: pytest.MonkeyPatch) -> None:
     """A USB adapter that is pulled out: reads bring nothing, and the poll says that they always will."""
     assert port.read() == b""
-    monkeypatch.setattr(SerialPort, "_hung_up", lambda self, fd: True)
+
+    class HungUp:
+        def register(self, fd: int, events: int) -> None: ...
+
+        def poll(self, timeout: int) -> list[tuple[int, int]]:
+            return [(0, select.POLLHUP)]
+
+    monkeypatch.setattr(select, "poll", HungUp)
     with refuses(BusError):
         port.read()
 

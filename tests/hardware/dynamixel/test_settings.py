@@ -8,9 +8,9 @@ from bus_rig import bus_of, spec
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.settings import (
     SILENCING,
-    Asked,
     ServoImage,
     Setting,
+    SetupRequest,
     eeprom_settings,
     full_drive,
     in_units,
@@ -100,7 +100,7 @@ def test_nothing_but_writable_eeprom_is_ever_due(model: str, protocol: int) -> N
     for register in image.table.registers:
         value = register.highest if register.highest is not None else register.widest
         try:
-            due = plan(image, settings_of(image.table, Asked(registers={register.name: value})))
+            due = plan(image, settings_of(image.table, SetupRequest(registers={register.name: value})))
         except HardwareError:
             continue
         assert register.writable and register.address < image.table.eeprom_end and register.name != SILENCING
@@ -109,6 +109,6 @@ def test_nothing_but_writable_eeprom_is_ever_due(model: str, protocol: int) -> N
 
 def test_torque_locks_what_would_change_and_nothing_else() -> None:
     image = _image(torque_enable=1)
-    assert plan(image, settings_of(image.table, Asked(new_id=1))) == []
+    assert plan(image, settings_of(image.table, SetupRequest(new_id=1))) == []
     with refuses(HardwareError):
-        plan(image, settings_of(image.table, Asked(new_id=2)))
+        plan(image, settings_of(image.table, SetupRequest(new_id=2)))
