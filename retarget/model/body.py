@@ -1,7 +1,7 @@
-"""A robot or a virtual human as a kinematic tree: names and limits, beside the plain arrays that the solver takes.
+"""A robot or a virtual human as a kinematic tree: names, limits, and the arrays of the solver.
 
-Conventions are MuJoCo's (see `retarget/_solver.pyi`): body 0 is the world, a parent comes before its children, `q`
-holds a free joint as xyz + wxyz and a ball as wxyz, velocities have three coordinates for each of those rotations.
+Conventions are MuJoCo's (see `retarget/_solver.pyi`): body 0 is the world, parents come before children, `q` holds a
+free joint as xyz + wxyz and a ball as wxyz, and velocities have three coordinates for each rotation.
 """
 
 from collections.abc import Iterable, Mapping
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class JointType(IntEnum):
-    """Kinds of joint, with MuJoCo's numbers."""
+    """MuJoCo's numbers of joint types."""
 
     FREE = 0
     BALL = 1
@@ -41,7 +41,7 @@ _VELOCITY_SUFFIXES = {
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A named frame fixed to a body: `position` (3,) m and `quat` (4,) wxyz in that body's frame."""
+    """A frame fixed to a body: position (3,) m and quat (4,) wxyz in the body's frame."""
 
     name: str
     body: int
@@ -51,11 +51,10 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Geom:
-    """A shape of the file on a body: `kind` and `size` (3,) as MuJoCo has them, `position` (3,) m and `quat` (4,) wxyz.
+    """A shape on a body: kind and size (3,) as in MuJoCo, position (3,) m and quat (4,) wxyz.
 
-    Capsules and cylinders: radius, half length. Boxes: half sizes. Spheres: radius. triangles (t, 3, 3) m of a mesh, in
-    the shape's frame. A shape that does not collide is for looking at. colour: red, green and blue, 0 to 1; None if the
-    file gives it none.
+    size: radius and half length of capsules and cylinders, half sides of boxes, radius of spheres. triangles (t, 3, 3)
+    m: of a mesh, in the shape's frame. collides: False for visual shapes. colour: red, green, blue, 0 to 1, if given.
     """
 
     name: str
@@ -73,10 +72,10 @@ class Geom:
 class BodyModel:
     """A kinematic tree of nb bodies (0 the world) and nj joints, with nq positions and nv velocities.
 
-    parent (nb,), body_pos (nb,3) m and body_quat (nb,4) wxyz in the parent frame; mass (nb,) kg, com (nb,3) m in the
-    body frame; joint_body (nj,), joint_type (nj,), joint_axis (nj,3) and joint_pos (nj,3) in the body frame; qpos0
-    (nq,); lower, upper (nv,) rad or m, infinite where the file sets no limit; joint_qpos, joint_dof (nj,) first
-    address of each joint in q and in the velocity. `notes`: what was changed or is not used.
+    parent (nb,); body_pos (nb,3) m, body_quat (nb,4) wxyz: in the parent's frame; mass (nb,) kg; com (nb,3) m: in the
+    body's frame. joint_body, joint_type (nj,); joint_axis, joint_pos (nj,3): in the body's frame; joint_qpos, joint_dof
+    (nj,): first address in q and in velocities. qpos0 (nq,). lower, upper (nv,): rad or m, infinite without limit.
+    notes: on changes to the file and on what is not used.
     """
 
     source: str
@@ -118,19 +117,19 @@ class BodyModel:
         return float(self.mass.sum())
 
     def body_index(self, name: str) -> int:
-        """Index of a body. Raises ConfigError with the nearest names."""
+        """Return the index of a body. Raises ConfigError with the nearest names."""
         return self._index("body", name, self.body_names)
 
     def joint_index(self, name: str) -> int:
-        """Index of a joint. Raises ConfigError with the nearest names."""
+        """Return the index of a joint. Raises ConfigError with the nearest names."""
         return self._index("joint", name, self.joint_names)
 
     def dof_index(self, name: str) -> int:
-        """Index of a degree of freedom in velocities and limits. Raises ConfigError with the nearest names."""
+        """Return the index of a degree of freedom. Raises ConfigError with the nearest names."""
         return self._index("degree of freedom", name, self.dof_names)
 
     def frame(self, name: str) -> Frame:
-        """A named frame (a site of the file), or the origin of the body of that name. Raises ConfigError."""
+        """Return a site of the file, or the origin of a body. Raises ConfigError."""
         for frame in self.frames:
             if frame.name == name:
                 return frame
@@ -139,14 +138,14 @@ class BodyModel:
         return Frame(name, body, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
     def posture(self, angles: Mapping[str, float]) -> FloatArray:
-        """Posture (nq,) with these joint angles, rad, and all else as in its file. Raises ConfigError."""
+        """Return the posture (nq,) with these joint angles, rad, and the file's elsewhere. Raises ConfigError."""
         q = self.qpos0.copy()
         for joint, angle in angles.items():
             q[self.joint_qpos[self.joint_index(joint)]] = angle
         return q
 
     def chain_to_root(self, link: int) -> tuple[int, ...]:
-        """This link and all that carry it, nearest first: the link itself and the root are in it, the world is not."""
+        """Return the link and its ancestors, nearest first, without the world."""
         links = []
         while link > 0:
             links.append(link)
@@ -154,18 +153,16 @@ class BodyModel:
         return tuple(links)
 
     def links_between(self, first: int, second: int) -> set[int]:
-        """Links whose joints move one link against the other: of the two chains to the root, what they do not share."""
+        """Return the links whose joints move one link relative to the other."""
         return set(self.chain_to_root(first)).symmetric_difference(self.chain_to_root(second))
 
     def moved_with(self, link: int) -> int:
-        """The link that moves a link: itself where it has a joint, else the next one above that has; fixed joints move
-        nothing. 0, the world, where no joint is above."""
+        """Return the nearest link with a joint, from `link` up to the root; 0 without any."""
         moving = set(self.joint_body.tolist())
         return next((above for above in self.chain_to_root(link) if above in moving), 0)
 
     def scalar_joints(self) -> tuple[NDArray[np.bool_], IntArray]:
-        """Mask (nv,) of the DoFs that are single hinges or slides, and the index of each in q (nv,), -1 for the
-        others."""
+        """Return the mask (nv,) of hinges and slides, and the index of each DoF in q (nv,), -1 for the others."""
         address = np.full(self.nv, -1, dtype=np.int64)
         single = np.isin(self.joint_type, (JointType.SLIDE, JointType.HINGE))
         address[self.joint_dof[single]] = self.joint_qpos[single]
@@ -173,12 +170,12 @@ class BodyModel:
 
     @property
     def scalar_names(self) -> tuple[str, ...]:
-        """All hinges and slides, in the order of the DoFs."""
+        """Names of hinges and slides, in the order of the DoFs."""
         single, _ = self.scalar_joints()
         return tuple(name for name, kept in zip(self.dof_names, single, strict=True) if kept)
 
     def solver_body(self) -> "_solver.Body":
-        """The same tree for the compiled solver."""
+        """Return the tree for the compiled solver."""
         from retarget import _solver
 
         return _solver.Body(
@@ -201,21 +198,21 @@ class BodyModel:
 
 
 def load_body(path: str | Path, *, root: Root | None = None) -> BodyModel:
-    """Read an MJCF or URDF file (see `body_file.compile_body` for `root` and errors)."""
+    """Read an MJCF or URDF file; see `body_file.compile_body`."""
     return body_from_file(compile_body(Path(path), root=root))
 
 
 def load_body_text(text: str, *, source: str, root: Root | None = None) -> BodyModel:
-    """Load a body as `load_body` does, from MJCF or URDF text; `source` names it in messages."""
+    """Read MJCF or URDF text; `source` names it in messages."""
     return body_from_file(compile_body_text(text, source=source, root=root))
 
 
 def body_from_file(file: BodyFile) -> BodyModel:
-    """The arrays of a compiled body; the compiled model is the only source of them."""
+    """Return the arrays of a compiled body."""
     model = file.model
     joint_type = _ints(model.jnt_type)
     joint_names = tuple(model.joint(i).name or f"joint_{i}" for i in range(model.njnt))
-    # Box limits of hinges and slides; infinite elsewhere.
+    # Limits of hinges and slides only.
     limited = np.asarray(model.jnt_limited, dtype=bool)
     lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
     boxed = np.isin(joint_type, (JointType.SLIDE, JointType.HINGE)) & limited
@@ -262,11 +259,11 @@ def _frame(model: Any, index: int) -> Frame:
 
 
 NO_COLOUR = 0.5
-"""Red, green and blue of a shape to which the file gives no colour."""
+"""Red, green and blue of a shape without a colour of its own."""
 
 
 def geoms_of(model: Any) -> tuple[Geom, ...]:
-    """The shapes of a `mujoco.MjModel`."""
+    """Return the shapes of a `mujoco.MjModel`."""
     return tuple(_geom(model, index) for index in range(model.ngeom))
 
 
@@ -278,6 +275,12 @@ def _geom(model: Any, index: int) -> Geom:
     own = model.geom_rgba[index, :3]
     shade = model.mat_rgba[material, :3] if material >= 0 and (own == NO_COLOUR).all() else own
     red, green, blue = (round(float(value), 3) for value in shade)
+    triangles = None
+    if kind == "mesh":
+        mesh = int(model.geom_dataid[index])
+        vertices, faces = (int(start[mesh]) for start in (model.mesh_vertadr, model.mesh_faceadr))
+        corners = model.mesh_face[faces : faces + int(model.mesh_facenum[mesh])]
+        triangles = _floats(model.mesh_vert[vertices:][corners])
     return Geom(
         name=model.geom(index).name,
         body=int(model.geom_bodyid[index]),
@@ -286,28 +289,21 @@ def _geom(model: Any, index: int) -> Geom:
         position=_floats(model.geom_pos[index]),
         quat=_directions(model.geom_quat[index]),
         collides=bool(model.geom_contype[index] or model.geom_conaffinity[index]),
-        triangles=_triangles(model, int(model.geom_dataid[index])) if kind == "mesh" else None,
+        triangles=triangles,
         colour=None if red == green == blue == NO_COLOUR else (red, green, blue),
     )
 
 
-def _triangles(model: Any, mesh: int) -> FloatArray:
-    vertices, faces = (int(start[mesh]) for start in (model.mesh_vertadr, model.mesh_faceadr))
-    return _floats(model.mesh_vert[vertices:][model.mesh_face[faces : faces + int(model.mesh_facenum[mesh])]])
-
-
 DECIMALS = 9
-"""Decimals (m, kg) of frames and masses, which MuJoCo computes from a file: its last bits differ between machines.
-Ranges and rest positions of joints are the file's own, in rad."""
+"""Decimals (m, kg) of frames and masses: MuJoCo computes them, and their last bits differ between machines."""
 
 
 def _floats(values: Any) -> FloatArray:
     rounded = np.round(np.array(values, dtype=np.float64, order="C"), DECIMALS)
-    return np.asarray(rounded + 0.0)  # -0 is 0: its sign is the last bit of what it was
+    return np.asarray(rounded + 0.0)  # no -0
 
 
 def _directions(values: Any) -> FloatArray:
-    """Unit vectors or quaternions (..., n)."""
     rounded = _floats(values)
     return np.ascontiguousarray(rounded / norms(rounded)[..., None])
 
@@ -316,12 +312,9 @@ def _ints(values: Any) -> IntArray:
     return np.array(values, dtype=np.int64, order="C")
 
 
-# Limits of a body's degrees of freedom.
-
-
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Limits per DoF, each (nv,): position (rad or m), velocity per s, acceleration per s^2; infinite for no limit."""
+    """Limits per DoF (nv,): position (rad or m), velocity per s, acceleration per s^2; infinite for no limit."""
 
     lower: FloatArray
     upper: FloatArray
@@ -330,25 +323,25 @@ class JointLimits:
 
     @property
     def unhurried(self) -> "JointLimits":
-        """The same limits of position, and no others."""
+        """The limits of position alone."""
         free = np.full_like(self.max_velocity, np.inf)
         return JointLimits(self.lower, self.upper, free, free)
 
 
-# One number per degree of freedom, by the names that people use in a priority file.
-
-
 def joint_weights(body: BodyModel, values: Iterable[tuple[str, float]], *, default: float) -> FloatArray:
-    """One number per DoF (nv,): that of the last pair that names it, else `default`; for a free root else 0.
+    """Return one number per DoF (nv,): that of the last pair that names it, else `default`, or 0 for a free root.
 
-    A name is a DoF (`l_knee_flexion`), a DoF of both sides (`knee_flexion`), a joint (`l_hip`), or a joint of both
-    sides (`hip`); `root` is the six of a free root. Raises ConfigError with the nearest names.
+    A name is a DoF (`l_knee_flexion`), a joint (`l_hip`), either without its side (`hip`), or `root`, the six DoFs of a
+    free root. Raises ConfigError with the nearest names.
     """
     result = np.full(body.nv, default)
     for start, kind in zip(body.joint_dof, body.joint_type, strict=True):
         if kind == JointType.FREE:
             result[start : start + 6] = 0.0
-    aliases = [_aliases(name) for name in body.dof_names]
+    aliases = []
+    for name in body.dof_names:
+        unsided = name[2:] if name[:2] in ("l_", "r_") else name
+        aliases.append({name, unsided, name.rsplit("_", 1)[0], unsided.rsplit("_", 1)[0]})
     for key, value in values:
         chosen = [i for i, names in enumerate(aliases) if key in names]
         if not chosen:
@@ -358,42 +351,32 @@ def joint_weights(body: BodyModel, values: Iterable[tuple[str, float]], *, defau
     return result
 
 
-def _aliases(dof: str) -> set[str]:
-    """Names of a DoF: its own, without the side, and its joint's, with and without the side."""
-    unsided = dof[2:] if dof[:2] in ("l_", "r_") else dof
-    return {dof, unsided, dof.rsplit("_", 1)[0], unsided.rsplit("_", 1)[0]}
-
-
-# Joints that move next to nothing of a body's mass, and no limb: of a head.
-#
-# Where its mass in motion is kept over its soles, any joint that is left counts, and the lightest one is the last that
-# no
-# task above it holds: a head would be swung from stop to stop for a millimetre of the centre of mass.
+# Joints with little of a body's mass, as of a head. A balance task would swing them between their limits for a
+# millimetre of the centre of mass.
 
 LIGHT = 0.008
-"""A joint is light that moves the centre of mass by less than this share of the body's size a radian, however it is
-bent."""
-POSTURES, TURNED = 64, 2.0
-"""Postures that are tried, and the most, rad, by which each joint is turned."""
-LIMBS = ("l_hand", "r_hand", "l_sole", "r_sole")
-"""Frames at the ends of limbs. What moves them is asked to, however light."""
+"""Greatest movement of the centre of mass by a light joint, per radian, relative to the body's size."""
+LIGHT_POSTURES, TURNED = 64, 2.0
+"""Number of postures that are tried, and the greatest angle of their joints, rad."""
+LIMB_ENDS = ("l_hand", "r_hand", "l_sole", "r_sole")
+"""Frames at the ends of limbs, whose joints are never light."""
 
 
 def low_inertia_joints(body: BodyModel, frames: Mapping[str, Frame]) -> list[int]:
-    """The DoFs of hinges that are light and move no limb. frames: of the body, by their names."""
+    """Return the DoFs of light hinges outside limbs. frames: of the body, by name."""
     solver = body.solver_body()
     hinges = body.joint_type == JointType.HINGE
     columns, dofs = body.joint_qpos[hinges], body.joint_dof[hinges]
     random = np.random.default_rng(0)
     low, high = np.maximum(body.lower[dofs], -TURNED), np.minimum(body.upper[dofs], TURNED)
     most = np.zeros(body.nv)
-    for _ in range(POSTURES):
+    for _ in range(LIGHT_POSTURES):
         q = body.qpos0.copy()
         q[columns] = random.uniform(np.minimum(low, high), np.maximum(low, high))
         most = np.maximum(most, norms(solver.centre_of_mass_jacobian(q).T))
-    limbs = {link for name in LIMBS if name in frames for link in body.chain_to_root(frames[name].body)}
+    limbs = {link for name in LIMB_ENDS if name in frames for link in body.chain_to_root(frames[name].body)}
     links = body.joint_body[hinges].tolist()
-    # The size: how far (m) the origins of links reach from lowest to highest, joints at 0.
+    # The size is the height of the origins of links, joints at 0.
     every = np.arange(1, len(body.parent))
     origins = solver.points(body.qpos0[None], every.tolist(), np.zeros((len(every), 3)))[0]
     light = most[dofs] < LIGHT * float(np.ptp(origins[:, 2]))

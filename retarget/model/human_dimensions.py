@@ -14,14 +14,12 @@ from retarget.schema import strict_yaml
 from retarget.types import FloatArray
 
 TABLES: Mapping[str, Any] = strict_yaml.load(Path(__file__).with_name("human.yaml")).data
-"""Section of `human.yaml` -> its content."""
-
-# Joints of the virtual human: tree, hinge chains, anatomical limits, and which hinges the smaller model locks.
+"""Content of `human.yaml` by section."""
 
 
 @dataclass(frozen=True)
 class Hinge:
-    """One axis of a joint: motion name, axis in the rest frame (for a pair: of the left side), limits in degrees."""
+    """One axis of a joint: motion, axis in the rest frame (of the left side), limits in degrees."""
 
     motion: str
     axis: list[float]
@@ -32,20 +30,21 @@ class Hinge:
 
 @dataclass(frozen=True)
 class HumanJoint:
-    """A joint with its chain of hinges, outermost first; the root has none. `name` and `parent` are canonical."""
+    """A joint with its hinges, outermost first; the root has none. Names are canonical."""
 
     name: str
     parent: str
     hinges: tuple[Hinge, ...]
 
     def axis(self, hinge: Hinge) -> FloatArray:
-        """Axis (3,) in the rest frame; on the right side mirrored, so that the same angle is the same motion."""
+        """Return the axis (3,) in the rest frame, mirrored on the right side, so that equal angles are equal
+        motions."""
         mirror = np.array([-1.0, 1.0, -1.0]) if self.name.startswith("r_") else np.ones(3)
         return np.asarray(np.array(hinge.axis) * mirror)
 
 
 def _each_side(name: str, parent: str) -> list[tuple[str, str]]:
-    """A name of the tables and its parent, once, or for left and right where they have `{s}` for the side."""
+    """A name of the tables and its parent, for both sides if they have `{s}` for the side."""
     sides = "lr" if "{s}" in name else "l"
     return [(name.replace("{s}", side), parent.replace("{s}", side)) for side in sides]
 
@@ -55,23 +54,18 @@ HUMAN_JOINTS: tuple[HumanJoint, ...] = tuple(
     for key, entry in TABLES["joints"].items()
     for name, parent in _each_side(key, entry["parent"])
 )
-"""Parents before children; the parent of the root is the world, ""."""
+"""Parents before children; the root's parent is the world, ""."""
 
 ENDS: tuple[tuple[str, str], ...] = tuple(pair for end in TABLES["ends"].items() for pair in _each_side(*end))
-"""Points at the ends of the tree that no joint carries: name and the joint whose segment they are on."""
-
-
-# Body proportions: where a person's mass lies and how long the segments are.
+"""Points at the ends of the tree: name, and the joint of their segment."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A body segment between two points, `start` (proximal) and `end` (distal).
+    """A body segment between two points, proximal `start` and distal `end`: joints or levels of the trunk.
 
-    body: the joint that carries it. mass: share of the body mass (of one side). com: centre of mass from `start`, as
-    a share of the length. gyration: radius of gyration about the centre of mass, across the segment, as a share of the
-    length; None where the table has none. The points are canonical joint names, or levels of the trunk (see
-    `TRUNK_LEVELS`).
+    body: its joint. mass: share of the body's mass. com: centre of mass from `start`, relative to its length. gyration:
+    radius of gyration about that, across the segment, relative to its length.
     """
 
     body: str
@@ -85,13 +79,13 @@ class Segment:
 SEGMENTS: tuple[Segment, ...] = tuple(Segment(**entry) for entry in TABLES["segments"])
 
 TRUNK_LEVELS: Mapping[str, float] = TABLES["trunk_levels"]
-"""Heights on the trunk, as shares of the way from the middle of the hip joints (0) to that of the shoulders (1)."""
+"""Heights on the trunk, from the middle of the hips (0) to that of the shoulders (1)."""
 
 
 @dataclass(frozen=True)
 class StatureFractions:
-    """Lengths as shares of stature: the ankle and the middle of the head above the ground, the heel behind the ankle,
-    the tip of the foot before the toe joint."""
+    """Lengths relative to stature: ankle and middle of the head above the ground, heel behind the ankle, tip of the
+    foot ahead of the toe joint."""
 
     ankle_height: float
     head_height: float
@@ -103,7 +97,7 @@ FRACTIONS = StatureFractions(**TABLES["lengths"])
 
 
 POINTS: tuple[str, ...] = tuple(joint.name for joint in HUMAN_JOINTS) + tuple(name for name, _ in ENDS)
-"""All points of the human, parents first: the canonical joint names."""
+"""Canonical names of all points, parents first."""
 
 PARENTS: tuple[int, ...] = tuple(
     POINTS.index(parent) if parent else -1
@@ -113,26 +107,26 @@ PARENTS: tuple[int, ...] = tuple(
 
 
 def kind_of(name: str) -> str:
-    """Name of a point without its side."""
+    """Return the name of a point without its side."""
     return name[2:] if name[1] == "_" else name
 
 
 STATURE_M = (0.5, 2.6)
-"""Statures that are taken for a human's, m: from an infant to the tallest people alive (2.5 m)."""
+"""Statures of humans, m, from infants to the tallest people (2.5 m)."""
 
 LENGTH_RATIO = (0.4, 2.2)
-"""Least and most share of the average length that a limb segment may have."""
+"""Bounds of a limb segment's length, relative to the average."""
 
 BODY_MASS_INDEX = 22.5
-"""kg/m2: the mass of a person whose mass is not known. It scales forces only; postures depend on shares of it."""
+"""Default body-mass index, kg/m2. It scales forces only."""
 
 
 @dataclass(frozen=True, eq=False)
 class HumanDimensions:
     """The size of one person.
 
-    offset (23, 3) m: each of `POINTS` from its parent in the rest frame (x forward, y left, z up), standing upright,
-    arms hanging; zero for the pelvis. stature: m. mass: kg. origin: where the numbers come from, for reports.
+    offset (23, 3) m: of `POINTS` from their parents in the rest frame (x forward, y left, z up), standing with hanging
+    arms; zero for the pelvis. stature: m. mass: kg. origin: of the numbers, for reports.
     """
 
     offset: FloatArray
@@ -147,27 +141,27 @@ class HumanDimensions:
         object.__setattr__(self, "offset", offset)
 
     def of(self, name: str) -> FloatArray:
-        """Offset (3,) m of a point from its parent."""
+        """Return the offset (3,) m of a point from its parent."""
         return np.asarray(self.offset[POINTS.index(name)])
 
     def length(self, name: str) -> float:
-        """Distance (m) of a point from its parent."""
+        """Return the distance of a point from its parent, m."""
         return norm(self.of(name))
 
     def standing(self) -> FloatArray:
-        """Every point (23, 3) m in the rest posture, the pelvis at the origin."""
+        """Return all points (23, 3) m in the rest posture, the pelvis at the origin."""
         return points_of(self.offset)
 
     @property
     def pelvis_height(self) -> float:
-        """Height (m) of the pelvis above the soles in the rest posture: the longer leg and the ankle's height."""
+        """Height of the pelvis above the soles in the rest posture, m, on the longer leg."""
         points = self.standing()
         ankle = min(points[POINTS.index("l_ankle"), 2], points[POINTS.index("r_ankle"), 2])
         return float(-ankle + FRACTIONS.ankle_height * self.stature)
 
 
 def points_of(offset: FloatArray) -> FloatArray:
-    """Every point (23, 3) m from the pelvis, of offsets (23, 3) m from the parents, all in one frame."""
+    """Return all points (23, 3) m from the pelvis, for offsets (23, 3) m from parents in one frame."""
     points = np.zeros((len(POINTS), 3))
     for i, parent in enumerate(PARENTS):
         if parent >= 0:
@@ -176,25 +170,25 @@ def points_of(offset: FloatArray) -> FloatArray:
 
 
 def stature_of(offset: FloatArray) -> float:
-    """Stature (m) of a person with these offsets (23, 3) m, from their standing height from ankles to head."""
+    """Return the stature, m, for offsets (23, 3) m, from the height between ankles and head."""
     height = points_of(offset)[:, 2]
     ankles = 0.5 * (height[POINTS.index("l_ankle")] + height[POINTS.index("r_ankle")])
     return float((height[POINTS.index("head")] - ankles) / (FRACTIONS.head_height - FRACTIONS.ankle_height))
 
 
 def default_mass(stature: float) -> float:
-    """Mass (kg) of a person of this stature (m) whose mass is not known."""
+    """Return the mass, kg, of a person of unknown mass."""
     return BODY_MASS_INDEX * stature * stature
 
 
 def mirrored_dimensions(dimensions: HumanDimensions) -> HumanDimensions:
-    """The same person with left and right exchanged."""
+    """Return the dimensions with left and right exchanged."""
     columns = [POINTS.index(mirrored_name(name)) for name in POINTS]
     return replace(dimensions, offset=dimensions.offset[columns] * np.array([1.0, -1.0, 1.0]))
 
 
 def proportional_dimensions(stature: float) -> HumanDimensions:
-    """A person of average proportions of this stature (m)."""
+    """Return the dimensions of a person of average proportions, for a stature in m."""
     offset = np.array([TABLES["offsets"][kind_of(name)] for name in POINTS]) * stature
     right = [POINTS.index(name) for name in ("r_shoulder", "r_hip")]
     offset[right, 1] *= -1.0
@@ -207,7 +201,7 @@ def proportional_dimensions(stature: float) -> HumanDimensions:
 
 
 def check_plausible(dimensions: HumanDimensions, *, source: str) -> None:
-    """Raise InputError, all faults at once, if this cannot be a human: stature, or a limb far from the usual."""
+    """Raise InputError, with all faults, for the dimensions of no human: stature, or lengths of limbs."""
     low, high = STATURE_M
     if not low <= dimensions.stature <= high:
         raise InputError(
@@ -236,4 +230,4 @@ def check_plausible(dimensions: HumanDimensions, *, source: str) -> None:
 
 
 _CHECKED = tuple(f"{side}_{part}" for part in ("elbow", "wrist", "knee", "ankle") for side in "lr")
-"""Points whose distance from their parent is checked: the limbs, which every skeleton has."""
+"""Points whose distance from their parent is checked: the limbs."""

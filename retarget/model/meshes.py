@@ -1,4 +1,4 @@
-"""The shapes of a body as triangles, link by link: the one source of pictures, of pages and of what a headset shows."""
+"""Meshes of bodies and scenes, for pictures, pages and headsets."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,23 +17,18 @@ from retarget.types import FloatArray, IntArray
 if TYPE_CHECKING:
     from retarget import _solver
 
-# A mesh, and those of the shapes that files and scenes know.
-
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """vertices (v, 3) m; faces (f, 3): their corners, counter-clockwise as seen from outside.
-
-    Faces share a vertex where the surface is round, and have vertices of their own along a sharp edge: a vertex's
-    normal is that of all its faces.
-    """
+    """vertices (v, 3) m; faces (f, 3): corners, counter-clockwise from outside. Faces share vertices on round surfaces,
+    but not along sharp edges, so that a vertex has the mean normal of its faces."""
 
     vertices: FloatArray
     faces: IntArray
 
     @cached_property
     def is_closed(self) -> bool:
-        """True if the surface has no border, so that none of it is seen from behind."""
+        """True if the surface has no border."""
         _, place = np.unique(self.vertices, axis=0, return_inverse=True)
         corners = place.reshape(-1)[self.faces]
         sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
@@ -41,12 +36,12 @@ class Mesh:
         return bool((there == back).all())
 
     def placed(self, position: FloatArray, quat: FloatArray) -> "Mesh":
-        """The same in the frame in which its own is at position (3,) m and turned by quat (4,) wxyz."""
+        """Return the mesh in the frame in which its own is at position (3,) m, quat (4,) wxyz."""
         return Mesh(position + rotations.rotate(quat, self.vertices), self.faces)
 
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:
-    """All of them as one."""
+    """Return several meshes as one."""
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces + offset for mesh, offset in zip(meshes, first[:-1], strict=True)]
     return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
@@ -55,12 +50,12 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
 AROUND = 24
 """Corners of a circle."""
 THINNEST, GROUND = 0.002, 2.0
-"""Least radius that is seen, and half the side of the piece of a half-space that is, m."""
+"""Least radius, and half the side of the visible piece of a half-space, m."""
 
 
 def shape_mesh(kind: int, size: Iterable[float], *, around: int = AROUND) -> Mesh:
-    """A canonical shape of `scene_shapes`, in its own frame; of a half-space a piece of its surface. around: corners of
-    a circle."""
+    """Return a canonical shape of `scene_shapes` in its own frame, or a piece of a half-space. around: corners of a
+    circle."""
     x, y, z = (float(value) for value in size)
     if kind == ShapeKind.CAPSULE:
         radius = max(x, THINNEST)
@@ -76,11 +71,11 @@ def shape_mesh(kind: int, size: Iterable[float], *, around: int = AROUND) -> Mes
 
 
 def _swept(line: FloatArray, around: int) -> Mesh:
-    """What a line (n, 2) of radius and height, m, from below to above, sweeps about z."""
+    """The surface of a line (n, 2) of radius and height, m, upwards, swept about z."""
     angle = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
     radius, height = line[:, :1], np.repeat(line[:, 1:], around, axis=1)
     vertices = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=-1).reshape(-1, 3)
-    # A circle of radius 0 is one vertex, and the faces between two of its corners are none.
+    # A circle of radius 0 is one vertex.
     number = np.arange(len(vertices)).reshape(height.shape)
     number = np.where(radius > 0.0, number, number[:, :1])
     after = np.roll(number, -1, axis=1)
@@ -103,11 +98,11 @@ def _box(half: FloatArray) -> Mesh:
 
 
 ROUND, EDGE = 0.25, 12
-"""Radius of the edges of a box that is a link, in its least half side, and corners of a circle to a step of theirs."""
+"""Radius of a box's edges, relative to its least half side; corners of a circle per step of an edge."""
 
 
 def _rounded(half: FloatArray, around: int) -> Mesh:
-    """A box (3,) whose edges are round: the eighths of a ball, apart. around: corners of a circle elsewhere."""
+    """A box (3,) with edges of eighths of a ball. around: corners of a circle."""
     radius = ROUND * float(half.min())
     quarter = np.linspace(0.0, 0.5 * np.pi, max(around // EDGE, 1) + 1)
     up = np.concatenate([quarter - 0.5 * np.pi, quarter])[:, None]
@@ -126,28 +121,26 @@ def _rounded(half: FloatArray, around: int) -> Mesh:
     return Mesh(vertices.reshape(-1, 3), np.concatenate([sides, np.array(ends)]))
 
 
-# The links of a body.
-
 MOST_TRIANGLES = 12_000
-"""Of a body: so many are seen, and a page that holds two bodies stays small."""
+"""Greatest number of triangles of a body, for small pages."""
 DETAILS = (AROUND, 20, 16, 12, 8, 6, 4)
-"""Corners of a circle that are tried until a body has no more than that."""
+"""Corners of a circle, in the order of trial."""
 FINE = 0.03
-"""Radius, m, of circles that have them all."""
+"""Least radius, m, of circles with all corners."""
 LEAST_TRIANGLES = 40
-"""A mesh of a file keeps so many."""
+"""Least number of triangles of a file's mesh."""
 THIN, THIN_AROUND, ROOM = 0.025, 12, 500
-"""Radius of what joins links, in the longest way from the root to a joint, its corners, and triangles of all of it."""
+"""Rods between links: radius relative to the longest path from the root to a joint, corners, and number of
+triangles."""
 
 
 Part = tuple[int, tuple[float, float, float] | None]
-"""A link, and the colour of a part of it, 0 to 1; None for the colour of its side."""
+"""A link, and the colour of a part of it, 0 to 1; None for that of its side."""
 
 
 def link_meshes(body: BodyModel) -> dict[Part, Mesh]:
-    """The shapes of each link that has some, by their colours, in the link's frame; planes and height fields are left
-    out. Of a link's shapes only those for looking at (which collide with nothing), if it has any; else also what joins
-    links where shapes leave gaps, and all in the colour of its side."""
+    """Return the meshes of links by colour, each in its link's frame, without planes and height fields. Shapes that do
+    not collide replace the others of a link. Without them, rods close gaps between shapes."""
     geoms = _shown(body.geoms, range(1, len(body.parent)))
     found, parts = _drawn(geoms, MOST_TRIANGLES - ROOM), dict[Part, list[Mesh]]()
     for geom, mesh in found:
@@ -158,8 +151,8 @@ def link_meshes(body: BodyModel) -> dict[Part, Mesh]:
 
 
 def link_looks(geoms: Sequence[Geom], links: Iterable[int], *, most: int) -> dict[Part, Mesh]:
-    """Of the shapes of each of these links that `link_meshes` shows the meshes of files, by their colours, of at most
-    about so many triangles together."""
+    """Return the files' meshes that `link_meshes` shows of these links, by colour, with about `most` triangles at
+    most."""
     parts = dict[Part, list[Mesh]]()
     for geom, mesh in _drawn([geom for geom in _shown(geoms, links) if geom.triangles is not None], most):
         parts.setdefault((geom.body, geom.colour), []).append(mesh)
@@ -167,14 +160,13 @@ def link_looks(geoms: Sequence[Geom], links: Iterable[int], *, most: int) -> dic
 
 
 def _shown(geoms: Sequence[Geom], links: Iterable[int]) -> list[Geom]:
-    """Of each of these links the shapes for looking at, else all."""
+    """The shapes of these links that do not collide; all shapes of a link without any."""
     own = [[geom for geom in geoms if geom.body == link] for link in links]
     return [geom for all_ in own for geom in [geom for geom in all_ if not geom.collides] or all_]
 
 
 def _drawn(geoms: Sequence[Geom], most: int) -> list[tuple[Geom, Mesh]]:
-    """Geoms with their meshes, together as fine as that many triangles allow: where there are meshes of files, these
-    may have at least half of them."""
+    """Geoms with meshes as fine as `most` triangles allow, at least half of them for meshes of files."""
     files = [geom for geom in geoms if geom.triangles is not None]
     dense, count, simple = sum(len(_soup(geom)) for geom in files), 0, list[Mesh | None]()
     for around in DETAILS:
@@ -199,8 +191,7 @@ def _soup(geom: Geom) -> FloatArray:
 
 
 def _lots(geoms: Sequence[Geom], most: int) -> list[int]:
-    """How many triangles each mesh of a file may have: by its size, and by how many it has, as these are where it is
-    not smooth; what one does not need is the others'."""
+    """Numbers of triangles of files' meshes, by size and by their own number, which rises with detail."""
     has = np.array([len(_soup(geom)) for geom in geoms], dtype=np.float64)
     size = np.array([np.linalg.norm(np.ptp(_soup(geom).reshape(-1, 3), axis=0)) for geom in geoms]) + 1e-9
     size *= has**0.25
@@ -214,21 +205,20 @@ def _lots(geoms: Sequence[Geom], most: int) -> list[int]:
 
 
 def _rods(body: BodyModel, shown: Sequence[tuple[Geom, Mesh]]) -> dict[int, list[Mesh]]:
-    """What joins links to their children, and to their own shapes where they leave a gap, by the links that carry it.
-    Links that are fixed to each other are one: where it has shapes for looking at, these join it. Only joints are
-    joined, not what is fixed to a link, unless a link ends in nothing else."""
+    """Rods from links to the joints of their children, and to their own shapes across a gap, by link. Links that are
+    fixed to each other are one. Shapes that do not collide need no rods."""
     position, quat = body.solver_body().forward(body.qpos0)
-    rigid = np.arange(len(body.parent))  # the link that carries each one, from joint to joint
+    rigid = np.arange(len(body.parent))  # the link whose joint moves each one
     for link in range(1, len(rigid)):
         if body.parent[link] > 0 and not (body.joint_body == link).any():
             rigid[link] = rigid[body.parent[link]]
-    radius, rods = THIN * float(_ways(body)[body.joint_body].max(initial=0.0)), dict[int, list[Mesh]]()
+    longest = float(_depths(body)[body.joint_body].max(initial=0.0))
+    radius, rods = THIN * longest, dict[int, list[Mesh]]()
     for link in np.unique(rigid[1:]).tolist():
         inside = rigid == link
         own = [(geom, mesh) for geom, mesh in shown if inside[geom.body]]
         if any(not geom.collides for geom, _ in own):
             continue
-        # All in the frame of the link.
         back = quat[link] * (1.0, -1.0, -1.0, -1.0)
         origins = rotations.rotate(back, position - position[link])
         turns = rotations.multiply(back, quat)
@@ -247,8 +237,8 @@ def _rods(body: BodyModel, shown: Sequence[tuple[Geom, Mesh]]) -> dict[int, list
 def _joins(
     ends: FloatArray, fixed: FloatArray, shapes: Sequence[FloatArray], radius: float, *, is_turned: bool
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Ends of the rods of a link, all (n, 3) m in its frame. ends: joints of its children; fixed: origins of what is
-    fixed to it; shapes: points of each. is_turned: its joint turns it about its origin."""
+    """Ends of a link's rods, (n, 3) m in its frame. ends: joints of its children; fixed: origins of links fixed to it;
+    shapes: points of each. is_turned: a joint turns it about its origin."""
     begin = np.zeros(3)
     boxes = np.array([[points.min(axis=0), points.max(axis=0)] for points in shapes]).reshape(-1, 2, 3)
 
@@ -257,26 +247,26 @@ def _joins(
 
     points = boxes.reshape(-1, 3) if len(boxes) else ends
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0)) if len(points) else begin
-    if not is_turned:  # its origin may be anywhere: on the ground, say
+    if not is_turned:  # its origin may be anywhere, as on the ground
         return [(middle, end) for end in ends if not is_reached(end)]
-    if len(boxes) and not is_reached(begin):  # what hangs beside its joint
+    if len(boxes) and not is_reached(begin):  # its shape is off its joint
         ends = np.vstack([ends, middle])
     elif not len(boxes) and not len(ends):
         ends = fixed[np.argmax(np.linalg.norm(fixed, axis=1))][None]
     return [(begin, end) for end in ends if not (is_reached(begin) and is_reached(end))]
 
 
-def _ways(body: BodyModel) -> FloatArray:
-    """Length, m, of the way from the root to each link, along the links between."""
-    ways = np.zeros(len(body.parent))
-    for link in range(2, len(ways)):
+def _depths(body: BodyModel) -> FloatArray:
+    """Length, m, of the path from the root to each link."""
+    depths = np.zeros(len(body.parent))
+    for link in range(2, len(depths)):
         parent = body.parent[link]
-        ways[link] = ways[parent] + (np.linalg.norm(body.body_pos[link]) if parent > 0 else 0.0)
-    return ways
+        depths[link] = depths[parent] + (np.linalg.norm(body.body_pos[link]) if parent > 0 else 0.0)
+    return depths
 
 
 def _simple_mesh(geom: Geom, around: int) -> Mesh | None:
-    """A geom in its own frame; None for planes and height fields. around: corners of a circle, fewer of a small one."""
+    """A geom in its own frame; None for planes and height fields. Small circles have fewer corners than `around`."""
     size = geom.size.tolist()
     middle = sorted(size)[1] if geom.kind == "ellipsoid" else size[0]  # a radius where it is round
     around = min(around, max(4 * round(0.25 * around * (middle / FINE) ** 0.5), DETAILS[-2]))
@@ -292,21 +282,19 @@ def _simple_mesh(geom: Geom, around: int) -> Mesh | None:
     return None
 
 
-# A body to draw: its meshes with colours, and where its links are.
-
 LEAST_M = 0.05
-"""Height of a body that has hardly any: something to scale by."""
+"""Least height of a body, m, for its scale."""
 LEFT, RIGHT, MIDDLE = "#d55e00", "#0072b2", "#b0b0b0"
-"""Of Okabe and Ito's palette: the sides of a body, and what is between."""
+"""Colours of the sides and the middle of a body, of Okabe and Ito's palette."""
 OBSTACLE, OBSERVER = "#b0967a", "#9a5b86"
-"""Of the scene's shapes, and of observers that act; the legend of a page has the same ones."""
+"""Colours of the scene's shapes and of active observers, as in the page's legend."""
 SIDES = {"l_": LEFT, "r_": RIGHT}
-"""Colours of parts of a body by how their names begin."""
+"""Colours by the first letters of names."""
 
 
 def side_colours(body: BodyModel, named: Mapping[str, int]) -> tuple[str, ...]:
-    """The colour of each link, by the side of the limb it belongs to. named: the links that frames are on, by the names
-    of the frames: a limb is what carries `l_` or `r_` frames only, and what hangs from it."""
+    """Return the colour of each link, by the side of its limb: a limb carries only `l_` or only `r_` frames. named:
+    links by the names of frames on them."""
     between = {link for name, end in named.items() if name[:2] not in SIDES for link in body.chain_to_root(end)}
     found: dict[int, str] = {}
     for name, end in named.items():
@@ -320,9 +308,8 @@ def side_colours(body: BodyModel, named: Mapping[str, int]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class SolidBody:
-    """A body to draw. links (k,): those that have meshes, by their numbers. meshes (m,) in the frames of their links,
-    owners (m,): which of the k; colours (m, 3), 0 to 1. height: from its lowest to its highest point as the file has
-    it, m."""
+    """A body to draw. links (k,): those with meshes. meshes (m,): in the frames of their links; owners (m,): index into
+    links; colours (m, 3): 0 to 1. height: in the file's posture, m."""
 
     body: BodyModel
     links: IntArray
@@ -333,24 +320,24 @@ class SolidBody:
     kinematics: "_solver.Body"
 
     def as_json(self) -> dict[str, Any]:
-        """What `bodies.js` draws. Links are numbered as in `poses`."""
+        """Return the data of `bodies.js`. Links are numbered as in `poses`."""
         return {"height": round(self.height, 4)} | meshes_json(self.meshes, self.colours.tolist(), self.owners.tolist())
 
     def poses(self, q: FloatArray) -> FloatArray:
-        """Where its links are in postures (T, nq): (T, k, 7) of position, m, and quaternion wxyz."""
+        """Return poses (T, k, 7) of its links in postures (T, nq): position, m, and quaternion wxyz."""
         forward = [self.kinematics.forward(np.ascontiguousarray(posture)) for posture in q]
         return np.array([np.column_stack(pose)[self.links] for pose in forward])
 
     def com(self, q: FloatArray) -> FloatArray:
-        """Centre of mass (T, 3) m in postures (T, nq)."""
+        """Return the centre of mass (T, 3) m in postures (T, nq)."""
         return self.kinematics.centre_of_mass(np.ascontiguousarray(q))
 
 
 def meshes_json(
     meshes: Iterable[Mesh], colours: Iterable[Sequence[float]], links: Iterable[int] | None = None
 ) -> dict[str, Any]:
-    """Meshes and their colours, 0 to 1, as `bodies.js` draws them: vertices in m to a tenth of a millimetre. links:
-    numbers of their poses; None if each mesh has its own."""
+    """Return the data of `bodies.js` for meshes and colours, 0 to 1, with vertices to 0.1 mm. links: numbers of their
+    poses; None if each mesh has its own."""
     return {
         "meshes": [
             {
@@ -365,21 +352,21 @@ def meshes_json(
 
 
 def shapes_json(meshes: Iterable[Mesh], colour: str) -> dict[str, Any]:
-    """Meshes of one colour, as `bodies.js` draws them."""
+    """Return the data of `bodies.js` for meshes of one colour."""
     return meshes_json(meshes, repeat(rgb(colour)))
 
 
 def rgb(colour: str) -> list[float]:
-    """Red, green and blue, 0 to 1, of a colour as `#d55e00`."""
+    """Return red, green and blue, 0 to 1, of a colour such as `#d55e00`."""
     return [int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
 
 
 def solid_body(body: BodyModel, named: Mapping[str, int] | None = None) -> SolidBody:
-    """A body in the colours of its sides, see `side_colours`. named: None for the names of the links themselves."""
+    """Return a body in the colours of `side_colours`. named: None for the names of links."""
     if named is None:
         named = {name: link for link, name in enumerate(body.body_names) if link > 0}
     meshes, sides, kinematics = link_meshes(body), side_colours(body, named), body.solver_body()
-    # A limb shows its side: its links have colours of their own only beside that of the side.
+    # A limb shows its side, so links keep their own colours only beside it.
     shades = [own if own and (sides[link] == MIDDLE or (link, None) in meshes) else rgb(sides[link])
               for link, own in meshes]  # fmt: skip
     links, owners = np.unique([link for link, _ in meshes], return_inverse=True)

@@ -1,6 +1,5 @@
-"""What makes a rest skeleton a body: it stands upright, its shoulders are broad, and its toes point ahead. A person's
-size is read from such a skeleton only, and so are the turns of their limbs.
-"""
+"""Checks of a rest skeleton, from which a person's size and the turns of their limbs are read: it stands upright, and
+faces x."""
 
 from collections.abc import Sequence
 
@@ -12,22 +11,21 @@ from retarget.frames import Skeleton, stature
 from retarget.types import FloatArray
 
 ALONG = 0.7
-"""Least cosine between two lines of a body that go the same way, such as trunk and legs."""
+"""Least cosine between lines of a body with the same direction, such as trunk and legs."""
 LEAST_SHOULDERS, LEAST_HIPS, LEAST_FOOT = 0.1, 0.03, 0.03
-"""Least width of shoulders and hips, and least length of a foot on the ground, as shares of stature. A foot without
-length is a file's end of the leg, not a toe."""
+"""Least width of shoulders and hips, and length of a foot on the ground, relative to stature. A shorter foot is the end
+of a leg without a toe."""
 
 SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
-"""Segments of limbs, by the joints where they begin and end."""
+"""Segments of limbs, by the joints at their begin and end."""
 _SEGMENT_OF = {"wrist": "elbow", "ankle": "knee", "toe": "knee"}
-"""At rest a hand is turned as the forearm, and a foot as the shank, by the joint where that begins."""
+"""At rest a hand has the turn of the forearm, and a foot that of the shank."""
 _DOWN = np.array([0.0, 0.0, -1.0])
-"""Unit vector, world."""
 
 
 def limb_turns(skeleton: Skeleton, sensors: Sequence[str]) -> FloatArray:
-    """Turns (k, 4) wxyz of the segments of sensors from hanging straight down to the skeleton's rest pose, the shortest
-    way (thumbs stay forward in a T-pose); the identity for those of the trunk, NaN for a bone without length."""
+    """Return the turns (k, 4) wxyz of sensors' segments from hanging down to the skeleton's rest pose by the shortest
+    arc; the identity for those of the trunk, NaN for a bone of no length."""
     result = np.tile(rotations.IDENTITY, (len(sensors), 1))
     for row, sensor in enumerate(sensors):
         side, part = sensor[:2], sensor[2:]
@@ -39,8 +37,8 @@ def limb_turns(skeleton: Skeleton, sensors: Sequence[str]) -> FloatArray:
 
 
 def hanging_toe(skeleton: Skeleton, side: str) -> FloatArray | None:
-    """Offset (3,) m of a toe from its ankle where the leg hangs straight down; None without a toe, and of a foot that
-    has no length on the ground."""
+    """Return the offset (3,) m of a toe from its ankle under a hanging leg; None without a toe or a length on the
+    ground."""
     if f"{side}_toe" not in skeleton.names:
         return None
     ankle = f"{side}_ankle"
@@ -50,7 +48,7 @@ def hanging_toe(skeleton: Skeleton, side: str) -> FloatArray | None:
 
 
 def rest_faults(skeleton: Skeleton) -> tuple[str, ...]:
-    """Reasons why a rest skeleton is no body that stands upright and faces x, in words; empty where it is one."""
+    """Return the reasons, in words, why a rest skeleton does not stand upright and face x."""
     size, faults = _size(skeleton), []
     trunk = skeleton.of("head") - _middle(skeleton, "hip")
     legs = _middle(skeleton, "hip") - _middle(skeleton, "ankle")
@@ -70,7 +68,7 @@ def rest_faults(skeleton: Skeleton) -> tuple[str, ...]:
 
 
 def _size(skeleton: Skeleton) -> float:
-    """Length along the bones from ankles to head, or the stature where the neck is known."""
+    """Stature, or the length along the bones from ankles to head if the neck is unknown."""
     leg = skeleton.distance("l_hip", "l_knee") + skeleton.distance("l_knee", "l_ankle")
     return stature(skeleton) or leg + norm(skeleton.of("head") - _middle(skeleton, "hip"))
 
@@ -80,5 +78,4 @@ def _middle(skeleton: Skeleton, part: str) -> FloatArray:
 
 
 def _across(skeleton: Skeleton, part: str) -> FloatArray:
-    """From right to left (3,)."""
     return skeleton.of(f"l_{part}") - skeleton.of(f"r_{part}")

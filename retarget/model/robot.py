@@ -1,5 +1,4 @@
-"""A robot as a run needs it: its profile, held against its body file; its kinematic tree and its servos, and where its
-frames are in a posture."""
+"""A robot: its profile, checked against its body file, its kinematic tree, its servos and its frames."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, is_dataclass
@@ -30,16 +29,15 @@ if TYPE_CHECKING:
 
 
 Mounting = Root | Literal["floating"]
-"""How a robot is loaded: with a root as a profile has it, or to float."""
+"""Root of a loaded robot: a profile's, or floating."""
 TRUNK, HEAD = "neck", "head"
-"""Frames of a profile that carry the trunk's orientation and the eyes."""
+"""Frames of a profile for the orientations of trunk and eyes."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobotBody:
-    """A robot. `servo_columns` (n,): where each servo's joint stands in q, in servo order. calibration: what the zero
-    ticks of `joint_map` are from; None: those of the profile. floats: nothing carries it, and its root goes where it is
-    asked: a robot to look at, or to train on."""
+    """A robot. servo_columns (n,): column in q of each servo's joint. calibration: source of the zero ticks; None: the
+    profile. floats: its root follows the performer, for viewers and training."""
 
     profile: RobotProfile
     body: BodyModel
@@ -50,23 +48,23 @@ class RobotBody:
 
     @property
     def limits(self) -> JointLimits:
-        """Limits of the servos (n,), in servo order."""
+        """Limits of the servos (n,)."""
         servos = self.joint_map
         return JointLimits(servos.lower, servos.upper, servos.max_velocity, servos.max_acceleration)
 
     @property
     def stands(self) -> bool:
-        """Whether it stands on its own feet."""
+        """True if it stands on its own feet."""
         return self.on_floor and not self.floats
 
     @property
     def on_floor(self) -> bool:
-        """Whether there is a floor below its feet: it stands there, or is to look as if it did."""
+        """True if there is a floor below its feet."""
         return self.profile.root == "free" and bool(self.profile.feet)
 
     @cached_property
     def sole_corners(self) -> tuple[list[int], FloatArray]:
-        """The corners of all soles: their links (c,), and (c, 3) m in the frames of these."""
+        """Links (c,) of the corners of all soles, and the corners (c, 3) m in their frames."""
         links, local = list[int](), []
         for foot in self.profile.feet.values():
             frame, polygon = self.frame(foot.frame), np.array(foot.polygon)
@@ -76,12 +74,12 @@ class RobotBody:
 
     @cached_property
     def kinematics(self) -> "_solver.Body":
-        """The tree for the compiled solver, made once."""
+        """The tree for the compiled solver."""
         return self.body.solver_body()
 
     @cached_property
     def content(self) -> bytes:
-        """A digest of all that its profile and its body say: the same for the same robot, loaded again."""
+        """A digest of profile and body."""
         digest = sha256(f"{self.floats} {self.profile!r}".encode())
         for part in _content(self.body):
             digest.update(part)
@@ -89,7 +87,7 @@ class RobotBody:
 
     @cached_property
     def solid(self) -> SolidBody:
-        """What is drawn of it."""
+        """The body to draw."""
         return solid_body(self.body, self.frame_links)
 
     @property
@@ -104,39 +102,39 @@ class RobotBody:
 
     @cached_property
     def foot_links(self) -> tuple[frozenset[str], ...]:
-        """The links of each foot: that with its sole, and all that fixed joints hold to it."""
+        """The links of each foot: that of its sole, and links fixed to it."""
         moving = {name: self.body.moved_with(link) for link, name in enumerate(self.body.body_names)}
         held = [self.body.moved_with(sole.body) for sole in self.soles]
         return tuple(frozenset(name for name, link in moving.items() if link == one) for one in held)
 
     def posture(self, angles: dict[str, float]) -> FloatArray:
-        """Posture (nq,) with these joint angles, rad, and 0 elsewhere, the root as in the body file."""
+        """Return the posture (nq,) with these joint angles, rad, and 0 elsewhere, the root as in the body file."""
         return self.body.posture(angles)
 
     def frame(self, name: str) -> Frame:
-        """A frame of the profile, on the body."""
+        """Return a frame of the profile, on the body."""
         entry = self.profile.frames[name]
         return Frame(name, self.body.body_index(entry.link), np.array(entry.pos), np.array(entry.quat))
 
     def points(self, q: FloatArray, frames: tuple[str, ...]) -> FloatArray:
-        """World positions (T, k, 3) m of frames of the profile, for postures (T, nq)."""
+        """Return world positions (T, k, 3) m of frames of the profile, for postures (T, nq)."""
         places = [self.frame(name) for name in frames]
         local = np.array([place.position for place in places]).reshape(-1, 3)
         return self.kinematics.points(np.ascontiguousarray(q), [place.body for place in places], local)
 
     def orientations(self, q: FloatArray, frames: tuple[str, ...]) -> FloatArray:
-        """World orientations (T, k, 4) wxyz of frames of the profile, for postures (T, nq)."""
+        """Return world orientations (T, k, 4) wxyz of frames of the profile, for postures (T, nq)."""
         places = [self.frame(name) for name in frames]
         links = self.kinematics.orientations(np.ascontiguousarray(q), [place.body for place in places])
         return multiply(links, np.array([place.quat for place in places]).reshape(-1, 4))
 
     def landmark_frames(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """The frames that follow these landmarks."""
+        """Return the frames of landmarks."""
         return tuple(self.profile.landmarks[name].frame for name in names)
 
 
 def _content(value: object) -> Iterator[bytes]:
-    """All numbers and names of a body, but where it was read from and what was noted then."""
+    """All numbers and names of a body, without its source and notes."""
     if isinstance(value, np.ndarray):
         yield f"{value.dtype} {value.shape} ".encode() + value.tobytes()
     elif isinstance(value, tuple):
@@ -152,7 +150,7 @@ def _content(value: object) -> Iterator[bytes]:
 
 
 def load_profile(path_or_name: str | Path) -> RobotProfile:
-    """A robot's profile by shipped or user's name, path of the file, or path of its folder; checked against its body.
+    """Read a robot's profile by name or path, and check it against its body.
 
     Raises UsageError for an unknown name, ConfigError with all problems of the file.
     """
@@ -160,7 +158,6 @@ def load_profile(path_or_name: str | Path) -> RobotProfile:
 
 
 def _read_with_body(path_or_name: str | Path) -> tuple[RobotProfile, BodyModel]:
-    """The profile, checked against its body, and that body."""
     bodies: list[BodyModel] = []
 
     def check(profile: RobotProfile, document: Document) -> list[Problem]:
@@ -171,7 +168,7 @@ def _read_with_body(path_or_name: str | Path) -> tuple[RobotProfile, BodyModel]:
 
 
 def load_robot(name_or_path: str | Path, *, root: Mounting | None = None) -> RobotBody:
-    """A robot by name or by path, with its calibration where the user has one. root: instead of the profile's.
+    """Load a robot by name or path, with the user's calibration. root: replaces the profile's.
 
     Raises UsageError, ConfigError, InputError, HardwareError.
     """
@@ -180,7 +177,7 @@ def load_robot(name_or_path: str | Path, *, root: Mounting | None = None) -> Rob
 
 
 def load_uncalibrated(name_or_path: str | Path) -> RobotBody:
-    """Load a robot as `load_robot` does, with the zero ticks of the profile instead of those of a calibration."""
+    """Load a robot with the zero ticks of its profile."""
     profile, body = _read_with_body(name_or_path)
     return robot_of(profile, None, body=body)
 
@@ -192,11 +189,8 @@ def robot_of(
     root: Mounting | None = None,
     body: BodyModel | None = None,
 ) -> RobotBody:
-    """The robot of a profile that is read, with this calibration. root: instead of the profile's. body: of the profile,
-    where it is loaded already.
-
-    Raises InputError, HardwareError.
-    """
+    """Return the robot of a profile, with this calibration. root: replaces the profile's. body: of the profile, if it
+    is loaded. Raises InputError, HardwareError."""
     floats = root == "floating"
     if root is not None:
         profile = profile.model_copy(update={"root": "free" if floats else root})
@@ -208,14 +202,9 @@ def robot_of(
     return RobotBody(profile, body, joint_map, columns, calibration, floats)
 
 
-# Which servos move one frame of a robot against others: those of the joints on the way from link to link.
-
-
 def joints_between(robot: RobotBody, frame: str, others: Iterable[str]) -> BoolArray:
-    """Servos (n,), in servo order, of the joints between the link of `frame` and those of the frames `others`.
-
-    All of them where no joint lies between, or there are no others.
-    """
+    """Return a mask (n,) of the servos between the link of `frame` and those of `others`; all of them without any joint
+    between."""
     body = robot.body
     start, between = robot.frame(frame).body, set[int]()
     for other in others:
@@ -225,19 +214,17 @@ def joints_between(robot: RobotBody, frame: str, others: Iterable[str]) -> BoolA
     return found if found.any() else np.ones_like(found)
 
 
-# Cross checks of a robot profile against its body file: links, joints, geoms and joint ranges.
-
 RANGE_TOLERANCE = 1e-4  # [rad] profiles write limits with four or five decimals
 
 
 def leaves_folder(path: str) -> bool:
-    """Whether a path leads out of the folder that it is given in: a file from elsewhere must not name others."""
+    """Return True for a path out of its folder: files of others must not name such paths."""
     inside = Path(normpath(path))
     return inside.is_absolute() or inside.parts[:1] == ("..",)
 
 
 def _check_body(profile: RobotProfile, document: Document, bodies: list[BodyModel]) -> list[Problem]:
-    """All problems of the profile with its body file. The body is added to `bodies`."""
+    """All problems of the profile with its body file. Adds the body to `bodies`."""
     if not profile.body:  # not valid, and reported already
         return []
     if leaves_folder(profile.body):

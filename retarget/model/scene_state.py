@@ -1,4 +1,4 @@
-"""Scene state: where the obstacles are now, by the motions of the file or by live updates."""
+"""Scene state: poses and velocities of obstacles, by the motions of the file or by live updates."""
 
 from bisect import bisect_right
 from collections.abc import Iterable
@@ -17,14 +17,11 @@ from retarget.schema.shapes import MAX_COORDINATE
 from retarget.schema.strict_models import listed
 from retarget.types import FloatArray
 
-# How an obstacle's own frame moves in the frame that the obstacle names: at rest, with a velocity, or along a path.
-
 
 @dataclass(frozen=True, slots=True)
 class ObstacleMotion:
-    """Stretches of constant velocity. times (m): rising, s, at which they begin; pieces (m): the pose at that time, and
-    how it moves from then on, the last one for ever. Before the first time it rests. loop: after the last time it
-    begins anew."""
+    """A motion in stretches of constant velocity. times (m): rising starts, s; pieces (m): pose and velocity at each
+    start, the last one for ever. It rests before the first time. loop: it repeats from the last time on."""
 
     times: tuple[float, ...]
     pieces: tuple[MovingPose, ...]
@@ -32,11 +29,11 @@ class ObstacleMotion:
 
     @property
     def moves(self) -> bool:
-        """Whether it ever does."""
+        """True if it ever moves."""
         return any(not _rests(piece) for piece in self.pieces)
 
     def at(self, time: float) -> MovingPose:
-        """Pose and velocities at a time, s. Where the velocity jumps, the later one."""
+        """Return pose and velocities at a time, s; the later ones at a jump."""
         first, last = self.times[0], self.times[-1]
         if time < first:
             return MovingPose(self.pieces[0].pose)
@@ -44,20 +41,21 @@ class ObstacleMotion:
             time = first + fmod(time - first, last - first)
         index = bisect_right(self.times, time) - 1
         if self.loop:
-            index = min(index, len(self.times) - 2)  # rounding may reach the last time; a loop never rests there
+            index = min(index, len(self.times) - 2)  # rounding may give the last time; a loop never rests there
         piece = self.pieces[index]
         return piece if _rests(piece) else _moved(piece, time - self.times[index])
 
 
 def motion_of(obstacle: Obstacle) -> ObstacleMotion:
-    """The motion that the file gives to an obstacle."""
+    """Return the motion of an obstacle by its file."""
     if obstacle.path is not None:
         poses = [Pose(point.pos, unit(point.quat)) for point in obstacle.path]
         times = tuple(point.time for point in obstacle.path)
-        pieces = [
-            _between(before, after, later - earlier)
-            for (before, after), (earlier, later) in zip(pairwise(poses), pairwise(times), strict=True)
-        ]
+        pieces = []
+        for (before, after), (earlier, later) in zip(pairwise(poses), pairwise(times), strict=True):
+            angular = rotation_vector(product(after.quat, inverse(before.quat)))
+            moved, share = minus(after.position, before.position), 1.0 / (later - earlier)
+            pieces.append(MovingPose(before, _scaled(moved, share), _scaled(angular, share)))
         return ObstacleMotion(times, (*pieces, MovingPose(poses[-1])), obstacle.loop)
     pose = Pose(obstacle.at.pos, unit(obstacle.at.quat))
     moving = MovingPose(pose, obstacle.velocity or NO_MOTION, obstacle.angular_velocity or NO_MOTION)
@@ -65,7 +63,7 @@ def motion_of(obstacle: Obstacle) -> ObstacleMotion:
 
 
 def _until(moving: MovingPose, start: float, end: float) -> ObstacleMotion:
-    """A motion from `start` to `end`, s; infinite: for ever."""
+    """A motion from `start` to `end`, s, which may be infinite."""
     if end == inf:
         return ObstacleMotion((start,), (moving,))
     return ObstacleMotion((start, end), (moving, MovingPose(_moved(moving, end - start).pose)))
@@ -75,15 +73,8 @@ def _rests(moving: MovingPose) -> bool:
     return moving.linear == NO_MOTION and moving.angular == NO_MOTION
 
 
-def _between(before: Pose, after: Pose, duration: float) -> MovingPose:
-    """Straight and along the short arc from one pose to another."""
-    angular = rotation_vector(product(after.quat, inverse(before.quat)))
-    way = minus(after.position, before.position)
-    return MovingPose(before, _scaled(way, 1.0 / duration), _scaled(angular, 1.0 / duration))
-
-
 def _moved(moving: MovingPose, duration: float) -> MovingPose:
-    """After some time at constant velocities: p + v t, exp(w t) q."""
+    """Pose after some time at constant velocities: p + v t, exp(w t) q."""
     quat = unit(product(turn(_scaled(moving.angular, duration)), moving.pose.quat))
     position = plus(moving.pose.position, _scaled(moving.linear, duration))
     return MovingPose(Pose(position, quat), moving.linear, moving.angular)
@@ -93,21 +84,19 @@ def _scaled(vector: Vector, factor: float) -> Vector:
     return (factor * vector[0], factor * vector[1], factor * vector[2])
 
 
-# The live pose of one obstacle: updates from outside are checked, the last good one is kept with its age.
-
 LIVE_SPEED = 10.0
-"""Live velocities are clipped to this, m/s: a jump of the tracker is not a throw."""
+"""Bound of live velocities, m/s, as a jump of the tracker is no throw."""
 LIVE_TURN = 20.0
-"""Live angular velocities are clipped to this, rad/s."""
+"""Bound of live angular velocities, rad/s."""
 VELOCITY_HOLDS = 0.2
-"""A live obstacle goes on at its velocity for so long, s, when it is silent; then it is taken to rest."""
+"""Time for which a silent obstacle keeps its velocity, s."""
 
 Numbers = Iterable[float]
 
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """A good update; velocities that were not sent are None."""
+    """A valid update; None for velocities that were not sent."""
 
     time: float
     pose: Pose
@@ -117,7 +106,7 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True)
 class _Held:
-    """The last good update and the one before it, and the motion that follows from them."""
+    """The last valid update, the one before it, and the motion that follows."""
 
     last: _Seen
     before: _Seen | None
@@ -125,10 +114,8 @@ class _Held:
 
 
 class LivePose:
-    """The last good pose of an obstacle. A reader in another thread sees an update as a whole or not at all.
-
-    dropped: updates that were not taken.
-    """
+    """The last valid pose of an obstacle. Updates are atomic for a reader in another thread. dropped: number of invalid
+    updates."""
 
     def __init__(self) -> None:
         self.dropped = 0
@@ -143,11 +130,11 @@ class LivePose:
         velocity: Numbers | None = None,
         angular_velocity: Numbers | None = None,
     ) -> bool:
-        """Take a pose; whether it was good.
+        """Take a pose. Returns True if it is valid.
 
-        Dropped and counted: what is not finite, not of its length or farther than 1000 m, a quaternion of length
-        zero, a time before the last good one. A second update of the same time replaces the first. A velocity that is
-        not given is that between the last two good poses of different times.
+        Dropped and counted: numbers that are not finite or too many, a place beyond 1000 m, a quaternion of length
+        zero, and a time before the last one. An update of the same time replaces the first. The default velocity is
+        that between the last two poses.
         """
         seen = _read(position, quat, time, velocity, angular_velocity)
         held = self._held
@@ -160,17 +147,17 @@ class LivePose:
         return True
 
     def restart(self) -> None:
-        """Delete every pose, because time begins anew; the count of dropped updates stays."""
+        """Delete all poses, as time starts anew."""
         self._held = None
 
     def at(self, time: float) -> MovingPose | None:
-        """Return the last good pose (m, wxyz), gone on at its velocities for as long as they hold, then at rest; None
-        before the first."""
+        """Return the last valid pose (m, wxyz) with its velocities, at rest after VELOCITY_HOLDS; None before the
+        first."""
         held = self._held
         return None if held is None else held.motion.at(max(time, held.last.time))
 
     def age(self, now: float) -> float:
-        """How old the last good pose is, s; infinite before the first."""
+        """Return the age of the last valid pose, s; infinite before the first."""
         held = self._held
         return inf if held is None else max(0.0, now - held.last.time)
 
@@ -178,7 +165,7 @@ class LivePose:
 def _read(
     position: Numbers, quat: Numbers, time: float, velocity: Numbers | None, angular_velocity: Numbers | None
 ) -> _Seen | None:
-    """The update, or None where anything of it is unusable."""
+    """The update; None if it is invalid."""
     try:
         x, y, z = map(float, position)
         w, i, j, k = map(float, quat)
@@ -200,7 +187,7 @@ def _vector(numbers: Numbers) -> Vector:
 
 
 def _moving(seen: _Seen, before: _Seen | None) -> MovingPose:
-    """The pose with velocities: those sent, else those since the update before, else zero; clipped to the bounds."""
+    """The pose with velocities that were sent, or since the last update, within bounds."""
     linear, angular = seen.linear or NO_MOTION, seen.angular or NO_MOTION
     if before is not None:
         step = seen.time - before.time
@@ -211,21 +198,18 @@ def _moving(seen: _Seen, before: _Seen | None) -> MovingPose:
     return MovingPose(seen.pose, _rate(linear, 1.0, LIVE_SPEED), _rate(angular, 1.0, LIVE_TURN))
 
 
-def _rate(way: Vector, step: float, bound: float) -> Vector:
-    """A way per time, its length at most the bound; no quotient overflows, however short the step."""
-    far = length(way)
+def _rate(moved: Vector, step: float, bound: float) -> Vector:
+    """Movement per time, bounded in length without overflow."""
+    far = length(moved)
     if far > bound * step:
-        return (bound / far * way[0], bound / far * way[1], bound / far * way[2])
-    return (way[0] / step, way[1] / step, way[2] / step)
+        return (bound / far * moved[0], bound / far * moved[1], bound / far * moved[2])
+    return (moved[0] / step, moved[1] / step, moved[2] / step)
 
 
 @dataclass(frozen=True, eq=False)
 class ObstaclePoses:
-    """k canonical shape frames in the world.
-
-    position (k, 3) m; quat (k, 4) wxyz; linear_velocity (k, 3) m/s of the frames' origins; angular_velocity (k, 3)
-    rad/s. All along the world's axes.
-    """
+    """Canonical frames of k shapes in the world: position (k, 3) m, quat (k, 4) wxyz, linear_velocity (k, 3) m/s of
+    their origins, angular_velocity (k, 3) rad/s."""
 
     position: FloatArray
     quat: FloatArray
@@ -235,8 +219,7 @@ class ObstaclePoses:
 
 @dataclass(frozen=True, slots=True)
 class _Track:
-    """One obstacle: T_world_frame of the frame that it names, T_obstacle_shape, its motion by the file, whether that
-    ever moves it, and live."""
+    """One obstacle: T_world_frame of the frame that it names, T_obstacle_shape, motion by the file, and live pose."""
 
     frame: Pose
     shape: Pose
@@ -253,7 +236,7 @@ class _Track:
 
 
 class SceneState:
-    """The obstacles of a scene over time. stand: T_world_stand. Times are seconds, 0 where those of the file begin."""
+    """The obstacles of a scene over time, s, from 0. stand: T_world_stand."""
 
     def __init__(self, scene: Scene, *, stand: Pose = HERE) -> None:
         self.shapes: SceneShapes = scene_shapes(scene)
@@ -266,7 +249,7 @@ class SceneState:
             _write(self._rows[row], track.at(0.0))
 
     def at(self, time: float) -> ObstaclePoses:
-        """Poses and velocities at a time, s; arrays of their own."""
+        """Return poses and velocities at a time, s."""
         rows = self._rows.copy()
         for row, track in zip(rows, self._tracks.values(), strict=True):
             if track.moves or track.live.age(time) < np.inf:
@@ -275,21 +258,20 @@ class SceneState:
         return ObstaclePoses(*[np.ascontiguousarray(rows[:, part]) for part in parts])
 
     def restart(self) -> None:
-        """Begin time anew, without live poses."""
+        """Start time anew, without live poses."""
         for track in self._tracks.values():
             track.live.restart()
 
     def at_rest(self, time: float) -> ObstaclePoses:
-        """Poses at a time, s, without any motion."""
+        """Return poses at a time, s, with zero velocities."""
         poses = self.at(time)
         still = np.zeros_like(poses.linear_velocity)
         return ObstaclePoses(poses.position, poses.quat, still, still)
 
     def live(self, name: str) -> LivePose:
-        """Takes where an obstacle is by measurement; from the first good pose on, the file's motion no longer counts.
+        """Return the live pose of an obstacle, which replaces the file's motion from its first valid update on.
 
-        All in the frame that the obstacle names in the file, of the obstacle's own frame (which `at` places there).
-        Raises UsageError for an unknown name.
+        It is that of the obstacle's own frame, in the frame that it names. Raises UsageError for an unknown name.
         """
         track = self._tracks.get(name)
         if track is None:
@@ -304,19 +286,16 @@ class SceneState:
 
 
 def _write(row: FloatArray, moving: MovingPose) -> None:
-    """A row (13,): position, quat, linear and angular velocity."""
+    """Write a row (13,): position, quat, linear and angular velocity."""
     row[:] = (*moving.pose.position, *moving.pose.quat, *moving.linear, *moving.angular)
 
 
-# What a page or a picture shows of a scene: all but the floor, which it has anyway.
-
-
 def obstacle_meshes(shapes: SceneShapes) -> list[Mesh]:
-    """The obstacles of a scene, each in its own frame."""
+    """Return the obstacles of a scene without the floor, each in its own frame."""
     solid = zip(shapes.names, shapes.kinds, shapes.sizes, strict=True)
     return [shape_mesh(int(kind), size) for name, kind, size in solid if name != FLOOR]
 
 
 def obstacle_poses(shapes: SceneShapes, poses: ObstaclePoses) -> FloatArray:
-    """Where they are, (o, 7): position, m, and quaternion."""
+    """Return their poses (o, 7): position, m, and quaternion."""
     return np.column_stack([poses.position, poses.quat])[[name != FLOOR for name in shapes.names]]

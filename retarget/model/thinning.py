@@ -1,10 +1,9 @@
-"""Meshes of files for pictures: fewer triangles of the same silhouette, and corners that share a normal where the
-surface is round.
+"""Simplified meshes for pictures, with corners that share a normal on round surfaces.
 
-Thinned by edge collapse with quadric error metrics (Garland and Heckbert, Surface Simplification Using Quadric Error
-Metrics, SIGGRAPH 1997, sections 3 to 6), many edges at a time: those that are the cheapest at both of their ends, and
-leave the surface one that is whole (link condition of Dey, Edelsbrunner, Guha and Nekhayev, Topology Preserving Edge
-Contraction, Publications de l'Institut Mathematique 66, 1999): walls of a thin shell do not become one another.
+Edge collapse with quadric error metrics (Garland and Heckbert, "Surface Simplification Using Quadric Error Metrics",
+SIGGRAPH 1997, sections 3 to 6), many edges at a time: the cheapest at both of their ends that keep the topology (link
+condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology Preserving Edge Contraction", Publications de l'Institut
+Mathematique 66, 1999), so that walls of a thin shell stay apart.
 """
 
 import numpy as np
@@ -14,37 +13,37 @@ from scipy.sparse.csgraph import connected_components
 from retarget.types import BoolArray, FloatArray, IntArray
 
 DENSE, AT_FIRST = 12_000, 30
-"""A mesh of more triangles than that, or than so many times what is left, is put on a grid first, which is quick."""
+"""A mesh of more triangles, absolute or relative to the result, is first merged on a grid, which is fast."""
 SAME = 1e-5
-"""Corners within this share of a mesh's size are one."""
+"""Distance of equal corners, relative to the mesh's size."""
 BORDER = 10.0
-"""Weight of the planes that keep open edges in place (section 6 of the paper), to those of the faces."""
+"""Weight of planes that keep open edges in place, relative to faces (section 6)."""
 SHORT = 1e-4
-"""Of an edge's length squared in its cost, so that flat places are thinned evenly."""
+"""Weight of an edge's squared length, which thins flat regions evenly."""
 STIFF = 1e-4
-"""Pull to the middle of an edge, in the mean of its quadric's diagonal, where planes leave its place open."""
+"""Pull to the middle of an edge, relative to its quadric's mean diagonal, if planes leave its place open."""
 CHEAPEST = 0.5
-"""Share of the edges of which those collapse at once that do not meet."""
+"""Share of edges, the cheapest, that may collapse in a round."""
 SLOW, LAST = 0.01, 2.0
-"""Where a round takes away less than this share of the faces, edges that are not so cheap may collapse too, and beyond
-all of them also those that turn a face over or pinch the surface: sheets that lie on each other have no others."""
+"""Least progress of a round, as a share of the faces: below it the share of edges rises. Beyond all edges, those that
+turn a face over or change the topology may collapse too, as sheets on each other have no others."""
 TRIES = 2
-"""Other edges are chosen so often where those chosen would turn a face over."""
+"""Number of choices of edges in a round, as chosen ones may turn a face over."""
 TURNED = 0.2
-"""Least cosine between a face before and after: beyond, it would turn over."""
+"""Least cosine between a face before and after a collapse."""
 CREASE = np.cos(np.radians(50.0))
-"""Cosine of the angle between faces that meet at a sharp edge: cylinders of eight sides are round."""
+"""Cosine of the least angle between faces at a sharp edge: cylinders of eight sides are round."""
 
 
 def thinned(triangles: FloatArray, most: int) -> FloatArray:
-    """Triangles (t, 3, 3) m, of which at most about so many are left."""
+    """Return about `most` triangles at most of triangles (t, 3, 3) m."""
     if len(triangles) <= most:
         return triangles
     low = triangles.reshape(-1, 3).min(axis=0)
     size = max(float(np.ptp(triangles.reshape(-1, 3), axis=0).max()), 1e-9)
     points, place = _merged((triangles - low).reshape(-1, 3) / size, SAME)
     faces, cells = _real(place.reshape(-1, 3)), 3.0 * DENSE**0.5
-    while len(faces) > DENSE:  # so fine that the middles of cells will do
+    while len(faces) > DENSE:  # fine cells, whose middles suffice
         points, place = _merged(points, 1.0 / cells, _octants(points, faces))
         faces, cells = _real(place[faces]), cells / 1.5
     quadrics, cells = _quadrics(points, faces), 2.0 * most**0.5
@@ -64,7 +63,7 @@ def thinned(triangles: FloatArray, most: int) -> FloatArray:
 
 
 def _merged(points: FloatArray, cell: float, kind: IntArray | int = 0) -> tuple[FloatArray, IntArray]:
-    """The middles (p, 3) of the points of a kind, 0 to 7, in each cell of a grid, and which of these each is in."""
+    """Middles (p, 3) of the points of a kind, 0 to 7, in each cell of a grid; and the row of each point in them."""
     number = np.round(points / cell).astype(np.int64) + 1
     cells = (number[:, 0] * 2**20 + number[:, 1]) * 2**20 + number[:, 2]
     _, place = np.unique(cells * 8 + kind, return_inverse=True)
@@ -73,25 +72,25 @@ def _merged(points: FloatArray, cell: float, kind: IntArray | int = 0) -> tuple[
 
 
 def _octants(points: FloatArray, faces: IntArray) -> IntArray:
-    """Which way the surface looks at each point (p,), 0 to 7: the two sides of a thin wall are not one."""
+    """Octant, 0 to 7, of the normal at each point (p,), which tells apart both sides of a thin wall."""
     normals = np.tile(_normals(points, faces), (3, 1))
     return np.asarray((_summed(normals, faces.T.ravel(), len(points)) > 0.0) @ np.array([1, 2, 4]))
 
 
 def _summed(values: FloatArray, place: IntArray, count: int) -> FloatArray:
-    """Sums (count, k) of the rows of values (n, k) by their place."""
+    """Sums (count, k) of the rows of values (n, k) by place."""
     return np.column_stack([np.bincount(place, weights=column, minlength=count) for column in values.T])
 
 
 def _nearest(quadrics: FloatArray, middle: FloatArray) -> FloatArray:
-    """The points (n, 3) nearest to the planes of quadrics (n, 4, 4); the middle decides where they leave it open."""
+    """Points (n, 3) nearest to the planes of quadrics (n, 4, 4), and to `middle` where these leave them open."""
     stiff = STIFF * np.trace(quadrics[:, :3, :3], axis1=1, axis2=2)[:, None] / 3.0 + 1e-12
     left = quadrics[:, :3, :3] + stiff[..., None] * np.eye(3)
     return np.asarray(np.linalg.solve(left, (stiff * middle - quadrics[:, :3, 3])[..., None])[..., 0])
 
 
 def _real(faces: IntArray) -> IntArray:
-    """Without those that are a line, and without a second one of the same corners."""
+    """Faces without degenerate and double ones."""
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     ordered = np.sort(faces, axis=1)
     _, first = np.unique((ordered[:, 0] * 2**21 + ordered[:, 1]) * 2**21 + ordered[:, 2], return_index=True)
@@ -99,22 +98,21 @@ def _real(faces: IntArray) -> IntArray:
 
 
 def _edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Edges (e, 2) of faces, how many faces each one has, and which edge each of the 3 f sides is: from corner 0 to 1
-    of all faces, then from 1 to 2, from 2 to 0."""
+    """Edges (e, 2), their numbers of faces, and the edge of each of the 3 f sides: first 0 to 1 of all faces, then 1 to
+    2, 2 to 0."""
     sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     key, edge, count = np.unique(sides[:, 0] * 2**32 + sides[:, 1], return_inverse=True, return_counts=True)
     return np.column_stack([key // 2**32, key % 2**32]), count, edge
 
 
 def _normals(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Normals (f, 3) of faces, twice as long as the faces are large."""
+    """Normals (f, 3) of faces, of twice their area."""
     a, b, c = (points[faces[:, corner]] for corner in range(3))
     return np.asarray(np.cross(b - a, c - a))
 
 
 def _quadrics(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Of each point the sum (p, 4, 4) of the squared distances from the planes of its faces, and at open edges also
-    from planes across them."""
+    """Quadrics (p, 4, 4) of points: squared distances from planes of faces, and from planes across open edges."""
     normal = _normals(points, faces)
     area = np.linalg.norm(normal, axis=1)
     unit = normal / np.maximum(area, 1e-15)[:, None]
@@ -141,7 +139,7 @@ def _quadrics(points: FloatArray, faces: IntArray) -> FloatArray:
 def _collapsed(
     points: FloatArray, faces: IntArray, quadrics: FloatArray, most: int, *, share: float
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """The same with at most so many edges made points, out of the cheapest share of them."""
+    """Collapse at most some edges, out of the cheapest share."""
     edges, count, _ = _edges(faces)
     both = quadrics[edges[:, 0]] + quadrics[edges[:, 1]]
     target = _nearest(both, points[edges].mean(axis=1))
@@ -160,7 +158,7 @@ def _collapsed(
             wrong = chosen & _turning(points, faces, edges, target, chosen)
             wrong[chosen] |= _pinching(len(points), edges, count, chosen)
             chosen &= ~wrong
-            rank[wrong] = len(edges)  # and stand in the way of no other
+            rank[wrong] = len(edges)  # these block no others
     pick = np.flatnonzero(chosen)
     pick = pick[np.argsort(rank[pick])][:most]
     stays, goes = edges[pick].T
@@ -170,8 +168,8 @@ def _collapsed(
 
 
 def _pinching(points: int, edges: IntArray, count: IntArray, chosen: BoolArray) -> BoolArray:
-    """Which of the chosen edges, with so many faces each, would join what is apart if they became points: those whose
-    ends have other neighbours in common than the corners of their faces, or that cross from border to border."""
+    """Mask of the chosen edges whose collapse changes the topology: their ends have common neighbours outside their
+    faces, or are on different borders. count: faces of each edge."""
     sides = np.concatenate([edges, edges[:, ::-1]])
     meets = csr_array((np.ones(len(sides), dtype=np.int32), (sides[:, 0], sides[:, 1])), shape=(points, points))
     border = np.zeros(points, dtype=bool)
@@ -182,7 +180,7 @@ def _pinching(points: int, edges: IntArray, count: IntArray, chosen: BoolArray) 
 
 
 def _turning(points: FloatArray, faces: IntArray, edges: IntArray, target: FloatArray, chosen: BoolArray) -> BoolArray:
-    """Which of the edges, if all those chosen became points at their targets, would turn a face over."""
+    """Mask of the chosen edges whose collapse to `target`, all at once, turns a face over."""
     moved, names, of = points.copy(), np.arange(len(points)), np.full(len(points), -1)
     pick = np.flatnonzero(chosen)
     for end in range(2):
@@ -194,13 +192,13 @@ def _turning(points: FloatArray, faces: IntArray, edges: IntArray, target: Float
     lengths = np.linalg.norm(old, axis=1) * np.linalg.norm(new, axis=1)
     over = (old * new).sum(axis=1) < TURNED * lengths
     wrong = np.zeros(len(edges) + 1, dtype=bool)
-    wrong[of[faces[stays][over]].ravel()] = True  # the last one is of points that stay
+    wrong[of[faces[stays][over]].ravel()] = True  # the last one stands for points that stay
     return wrong[:-1]
 
 
 def creased(triangles: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Vertices (v, 3) and faces (f, 3) of triangles (t, 3, 3) m: corners at one place are one vertex where the surface
-    goes on round from face to face, and apart at a sharp edge."""
+    """Return vertices (v, 3) and faces (f, 3) of triangles (t, 3, 3) m, with vertices shared on round surfaces, but not
+    at sharp edges."""
     corners = triangles.reshape(-1, 3)
     _, place = np.unique(corners, axis=0, return_inverse=True)
     place = place.reshape(-1, 3)
@@ -211,7 +209,7 @@ def creased(triangles: FloatArray) -> tuple[FloatArray, IntArray]:
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-15)[:, None]
     edge = _edges(place)[2]
     order = np.argsort(edge, kind="stable")
-    first, second = order[:-1], order[1:]  # sides, the second of the same edge, or of another
+    first, second = order[:-1], order[1:]  # pairs of sides, kept below if they are of one edge
     first, second = (sides[edge[first] == edge[second]] for sides in (first, second))
     smooth = (normal[first % count] * normal[second % count]).sum(axis=1) > CREASE
     first, second = first[smooth], second[smooth]
