@@ -30,7 +30,7 @@ from retarget.cli.exit import StopRequest
 from retarget.cli.operator import RunOperator
 from retarget.human.samples import Playback
 from retarget.model.robot import RobotBody, load_robot
-from retarget.run.loop import Observer, Tick
+from retarget.run.loop import RunObserver, Tick
 from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.run.prepare import performance_of, prepare_for
 from retarget.schema.profile_parts import Imu
@@ -71,7 +71,7 @@ class Outcome:
     most_tilt_deg: float
 
 
-class FallRecord(Observer):
+class FallRecord(RunObserver):
     """Notes when a fall is recognised, and when the robot lands."""
 
     def __init__(self, bus: WitnessedBus) -> None:

@@ -112,7 +112,7 @@ def live_leg(seconds: float, robot: Path) -> list[float]:
     ):
 
         class Enough(Operator):
-            def ask(self, state: RunState | None) -> OperatorInput:
+            def poll(self, state: RunState | None) -> OperatorInput:
                 clock.counting = state is RunState.FOLLOW
                 return OperatorInput(stop="enough" if len(clock.late) >= seconds * RATE_HZ else None)
 

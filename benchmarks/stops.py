@@ -298,12 +298,12 @@ class ForkingOperator(RunOperator):
         super().__init__(prepared, StopRequest(), bench=seen.bench)
         self.watch, self._witness, self._fork = StopWatch(seen.witness), seen.witness, fork
 
-    def ask(self, state: RunState | None) -> OperatorInput:
+    def poll(self, state: RunState | None) -> OperatorInput:
         """What is asked for now."""
         self.watch.look(state)
         if self._fork.stops(state, self._witness):
             self.stop.ask("a stop at a tick that was drawn")
-        return super().ask(state)
+        return super().poll(state)
 
 
 def run_case(case: Case) -> list[Ended]:

@@ -34,7 +34,7 @@ FIVE = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
 NOT_OURS = [
     *((TappedPort, name) for name in ("read", "write", "wait", "drop", "sleep_until")),
     (FakeSender, "poll"),
-    *((Bench, name) for name in ("ask", "see")),
+    *((Bench, name) for name in ("poll", "see")),
 ]
 READING = "read the bus"
 ASKED = "without reading the servos"

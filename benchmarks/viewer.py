@@ -26,7 +26,7 @@ from retarget.cli.exit import StopRequest
 from retarget.cli.operator import RunOperator
 from retarget.cli.view import opened_page, viewing
 from retarget.human.samples import Playback
-from retarget.run.loop import Observer
+from retarget.run.loop import RunObserver
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare
 from retarget.run.supervisor import OperatorInput
@@ -92,7 +92,7 @@ def leg(page: str, seconds: float) -> tuple[list[float], list[float]]:
         stop, ticks, followed = StopRequest(), round(seconds / prepared.samples.dt), 0
 
         class Enough(RunOperator):
-            def ask(self, state: RunState | None) -> OperatorInput:
+            def poll(self, state: RunState | None) -> OperatorInput:
                 nonlocal followed
                 followed += state is RunState.FOLLOW
                 if followed == SETTLED // 2 and page == "stopped" and feed is not None:
@@ -100,7 +100,7 @@ def leg(page: str, seconds: float) -> tuple[list[float], list[float]]:
                 meter.counting = followed > SETTLED
                 if len(meter.late) >= ticks:
                     stop.ask("enough")
-                return super().ask(state)
+                return super().poll(state)
 
         gc.collect()
         result = prepared.run(Enough(prepared, stop, page=feed), [viewed])
@@ -111,10 +111,10 @@ def leg(page: str, seconds: float) -> tuple[list[float], list[float]]:
 
 
 @contextmanager
-def looked_at(page: str, prepared: Prepared, options: RunOptions) -> Iterator[tuple[Observer, ViewFeed | None]]:
+def looked_at(page: str, prepared: Prepared, options: RunOptions) -> Iterator[tuple[RunObserver, ViewFeed | None]]:
     """A page in one of LEGS, and a client that reads it. Raises SystemExit where nothing was to be read."""
     if page == "off":
-        yield Observer(), None
+        yield RunObserver(), None
         return
     messages: list[str] = []
     with (

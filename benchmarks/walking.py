@@ -57,7 +57,7 @@ from retarget.cli.operator import RunOperator
 from retarget.human.samples import Playback
 from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.walking.pattern import Request
-from retarget.run.loop import Observer, Tick
+from retarget.run.loop import RunObserver, Tick
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, performance_of, prepare_for
 from retarget.run.supervisor import OperatorInput
@@ -127,7 +127,7 @@ IN_PLACE = Request(forward=1e-9)
 """Steps in place: a stick that asks for nothing asks to stand."""
 
 
-class WalkRecord(Observer):
+class WalkRecord(RunObserver):
     """Asks for the velocity of a case, and counts the ticks of its walk."""
 
     def __init__(self, case: Case, simulation: Simulation, witness: Witness, stop: StopRequest) -> None:
@@ -220,9 +220,9 @@ class Steers(RunOperator):
         super().__init__(prepared, stop)
         self._record = record
 
-    def ask(self, state: RunState | None) -> OperatorInput:
+    def poll(self, state: RunState | None) -> OperatorInput:
         """What is asked for now."""
-        return replace(super().ask(state), velocity=self._record.velocity)
+        return replace(super().poll(state), velocity=self._record.velocity)
 
 
 def drawn_world(robot: RobotBody, case: Case) -> tuple[Simulation, SensedMotion, float]:

@@ -319,7 +319,7 @@ class _BenchOperator(Operator):
     def __init__(self, bench: ClipBench, machine: Machine | None, samples: Samples) -> None:
         self._bench, self._machine, self._samples = bench, machine, samples
 
-    def ask(self, state: RunState | None) -> OperatorInput:
+    def poll(self, state: RunState | None) -> OperatorInput:
         if self._machine is None:
             return OperatorInput()
         return OperatorInput(fault=self._bench.look(self._machine, self._samples))

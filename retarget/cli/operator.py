@@ -1,6 +1,6 @@
 """The operator of a run of the command line.
 
-`RunOperator.ask` polls all that may stop or hold the robot, each tick. `RunLines` prints what is said.
+`RunOperator.poll` polls all that may stop or hold the robot, each tick. `RunLines` prints what is said.
 """
 
 import sys
@@ -18,7 +18,7 @@ from retarget.cli.controls import Asked, Control, LiveStatus
 from retarget.cli.exit import REASONS, SUSPENDED, StopRequest
 from retarget.cli.stick import Stick, velocity_of
 from retarget.robot.walking.pattern import Request
-from retarget.run.loop import Observer, Operator, Tick
+from retarget.run.loop import Operator, RunObserver, Tick
 from retarget.run.prepare import Prepared
 from retarget.run.supervisor import AT_RISK, OperatorInput
 from retarget.run.tick import Failure, Machine, caught
@@ -97,8 +97,8 @@ class RunOperator(Operator):
         if dead_man:
             self._engage(frozenset({Asked.RELEASE}))
 
-    def ask(self, state: RunState | None) -> OperatorInput:
-        """What is asked for now, as `Operator.ask` says."""
+    def poll(self, state: RunState | None) -> OperatorInput:
+        """What is asked for now, as `Operator.poll` says."""
         now, fault, failures = self._clock.now(), None, list[Failure]()
         with caught(failures, StopCause.SOURCE):
             if self._page is not None and self._page.stop_asked():
@@ -117,9 +117,9 @@ class RunOperator(Operator):
             fault = self._bench.look(self._machine, self._samples)
         if failures and fault is None:
             fault = StopCause.SOURCE, failures[0].reason
-        return replace(self.asked(), fault=fault)
+        return replace(self.requested(), fault=fault)
 
-    def asked(self) -> OperatorInput:
+    def requested(self) -> OperatorInput:
         """What was asked for so far, by signals too."""
         return OperatorInput(self.stop.why or None, self.stop.torque_off, velocity=self._velocity)
 
@@ -263,7 +263,7 @@ TORQUE_WORDS = {
 """What is said of the torque of a robot when its run has ended."""
 
 
-class Announcer(Observer):
+class Announcer(RunObserver):
     """Says while a robot stops what the summary would say too late.
 
     Once: why it stops and what comes next; that a stop key was pressed too soon to count; that a robot that

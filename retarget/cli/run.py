@@ -76,7 +76,7 @@ from retarget.report.measure import best_likeness, measure, measure_latest
 from retarget.report.report import Report
 from retarget.report.unfollowed import UnfollowedNotice
 from retarget.robot.walking.gait import PLANTED
-from retarget.run.loop import Observer, Progress, RowObserver
+from retarget.run.loop import Progress, RowObserver, RunObserver
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Perform, Prepared, performance_of, prepare_for, stage_priorities
 from retarget.run.run_result import RunResult
@@ -181,11 +181,11 @@ class CommandRun:
 
     def viewing(
         self, prepared: Prepared, words: Callable[[], tuple[str, str]] | None = None
-    ) -> AbstractContextManager[Observer]:
+    ) -> AbstractContextManager[RunObserver]:
         """Show robot and performer on the page of the run, if it has one. words: the present state, and its reason."""
         return viewing(self.feed, prepared, self.options, words, truth=self.bench.truth, notify=self.notify)
 
-    def play(self, recorded: Prepared, operator: RunOperator, *observers: Observer) -> RunResult:
+    def play(self, recorded: Prepared, operator: RunOperator, *observers: RunObserver) -> RunResult:
         """Let the robot follow. Raises KeyboardInterrupt where a stop was asked for since the robot was made ready."""
         machine, samples = recorded.machine, recorded.samples
         self.lines.moving = True
@@ -196,7 +196,7 @@ class CommandRun:
         if machine is None:
             result = recorded.run(operator, looks)
         else:
-            if operator.ask(machine.supervisor.state).stop is not None:  # torque is not on yet
+            if operator.poll(machine.supervisor.state).stop is not None:  # torque is not on yet
                 raise KeyboardInterrupt
             # An operator watches; a run in virtual time has its report at once.
             if machine.robot.stands and recorded.parts == "whole" and type(self.clock) is not VirtualClock:
@@ -595,7 +595,7 @@ def _wait_until_engaged(operator: RunOperator, performer: LivePerformer, clock: 
     """Wait, without torque, until the operator holds what must be held. Raises KeyboardInterrupt if a stop was asked
     for, also before this call."""
     while True:
-        if operator.ask(None).stop is not None:
+        if operator.poll(None).stop is not None:
             raise KeyboardInterrupt
         if operator.engaged:
             return

@@ -14,7 +14,7 @@ from retarget.live.address import VIEW_PORT
 from retarget.live.performer import LivePerformer
 from retarget.model.scene_state import obstacle_poses
 from retarget.pictures.outputs import RUN_NAME
-from retarget.run.loop import Observer, RowObserver
+from retarget.run.loop import RowObserver, RunObserver
 from retarget.run.options import SERVOLESS, RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.run_result import Extras
@@ -85,12 +85,12 @@ def viewing(
     *,
     truth: Callable[[], FloatArray | None] = lambda: None,
     notify: Notify,
-) -> Iterator[Observer]:
+) -> Iterator[RunObserver]:
     """Put robot and performer on the page of a run, and yield what shows each tick there; None: there is no page.
     words: the present state and its reason, where the phase of its tick does not say enough. truth: the state of a
     simulated body. Raises RefusedError for what cannot be shown."""
     if feed is None:
-        yield Observer()
+        yield RunObserver()
         return
     machine = prepared.machine
     setup = PageSetup(

@@ -14,7 +14,7 @@ from hardware.bus import ServoStates
 from hardware.clock import Clock
 from hardware.errors import GuardError, RetargetError
 from hardware.guard import Torque
-from retarget.run.loop import Observer, Operator, Tick
+from retarget.run.loop import Operator, RunObserver, Tick
 from retarget.run.prepare import Prepared
 from retarget.run.supervisor import LONGEST_STOP_S, OperatorInput
 from retarget.run.tick import Machine
@@ -58,19 +58,19 @@ class StopRequested(Operator):
     def __init__(self) -> None:
         self.why, self.torque_off, self.other = "", False, Operator()
 
-    def ask(self, state: RunState | None) -> OperatorInput:
-        """What is asked for now, as `Operator.ask` says."""
-        return self._with(self.other.ask(state))
+    def poll(self, state: RunState | None) -> OperatorInput:
+        """What is asked for now, as `Operator.poll` says."""
+        return self._with(self.other.poll(state))
 
-    def asked(self) -> OperatorInput:
+    def requested(self) -> OperatorInput:
         """What was asked for so far."""
-        return self._with(self.other.asked())
+        return self._with(self.other.requested())
 
     def _with(self, found: OperatorInput) -> OperatorInput:
         return replace(found, stop=found.stop or self.why or None, torque_off=found.torque_off or self.torque_off)
 
 
-class BackgroundRun(Observer):
+class BackgroundRun(RunObserver):
     """One run of one robot: `start`, read `reading`, and `end` it.
 
     The robot has no torque until `begins` says so. error: why there is no run (any more), None while all is well.
@@ -182,7 +182,7 @@ class BackgroundRun(Observer):
         machine.guard.health.refuse_unhealthy(self._read(machine))
         self._ready.set()
         while not self._begins():
-            if self._stop.ask(None).stop is not None:
+            if self._stop.poll(None).stop is not None:
                 return
             due = max(due + machine.dt, self._clock.now())
             self._clock.sleep_until(due)

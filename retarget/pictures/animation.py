@@ -91,7 +91,7 @@ def _performer(run: RunResult, rows: IntArray) -> dict[str, Any]:
     poses = facing_x(run.human.solid.poses(run.record.human_q[rows]), heading)
     if scene is not None:
         scene = scene[0], facing_x(scene[1], heading)
-    marks = turned(run.sensors_asked[rows], heading)
+    marks = turned(run.sensors_desired[rows], heading)
     made = figure("performer", run.human.solid, poses, marks=marks, layers=("servos",), scene=scene)
     return made | {"caption": caption}
 

@@ -1,1 +1,2 @@
-"""A run: options, preparation, the loop of its ticks, trajectories in joint space, and its result."""
+"""One run of a robot. In: options, a performer's samples, servo states. Out: checked goals and their record. Imports
+all of `robot`, `safety` and `live`."""

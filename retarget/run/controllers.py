@@ -1,6 +1,6 @@
-"""Controllers: what gives the target of a tick in each state of a run, and where the robot was commanded to last.
+"""Controllers: the source of the target in each state of a run, and the posture commanded last.
 
-`RobotMotion` has them all, and the gate: a run (`retarget.run.loop`) and `retarget.Pipeline` move a robot by it.
+`RobotMotion` holds them and the gate. The loop of a run and `retarget.Pipeline` move a robot by it.
 """
 
 from abc import ABC, abstractmethod
@@ -30,9 +30,11 @@ from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What a controller asks for. joints (n,): rad, servo order. q (nq,): the same with the root; None: the root
-    follows from the soles that are planted. stop: how the robot stops from there on its soles; None: its joints brake
-    in proportion."""
+    """The target of a tick.
+
+    joints (n,): rad, servo order. q (nq,): with the root; None: the root follows from the planted soles. stop: the path
+    of the stop from there; None: the joints brake in proportion.
+    """
 
     joints: FloatArray
     q: FloatArray | None = None
@@ -43,31 +45,30 @@ class Controller(ABC):
     """Gives the targets of one state."""
 
     def has_arrived(self, commanded: "Commanded") -> bool:
-        """Return whether the controller has nothing left to do; never, of one that something else ends."""
+        """True if the controller has nothing left to do; by default never."""
         return False
 
     def is_refused(self, commanded: "Commanded") -> bool:
-        """Return whether the gate refuses what is asked for, so that the robot is to hold; never, of most."""
+        """True if the gate refuses the targets, so that the robot is to hold; by default never."""
         return False
 
     def begin(self, commanded: "Commanded") -> None:  # noqa: B027 - most go on from where the robot is
-        """Begin the state, from where the robot was commanded last."""
+        """Begin the state, from the commanded posture."""
 
     @abstractmethod
     def target(self, commanded: "Commanded", performer: PerformerInput, *, speed_override: float) -> Target | None:
-        """The target of the next tick; None: brake, or stand. performer: in this tick.
-        speed_override: (0, 1], of a robot whose servos are warm."""
+        """The target of the next tick; None: brake, or stand. speed_override: share in (0, 1], below 1 for warm
+        servos."""
 
 
 @dataclass(frozen=True, eq=False)
 class Commanded:
-    """The posture to which the robot was commanded last, without the deflection of its servos.
+    """The posture commanded last, without the deflection of the servos.
 
-    goal: the one that was sent last. target: the one that led to this posture; a robot that stands is held by the same
-    object, so a controller that asked for it knows that nothing else has moved the robot since. q (nq,): the posture.
-    standing (nq,): as the robot stands; before it stands on its soles, as it will. velocity (nv,): at which it got
-    there, per s. stood_s: s since the last goal for another posture; waited_s: s since then, and since the last target
-    that was refused.
+    goal: sent last. target: that of this posture; while the robot stands it stays the same object, so a controller
+    recognises its own. q (nq,): the posture. standing (nq,): the stance; before the robot stands on its soles, the
+    future one. velocity (nv,) per s. stood_s: s since the posture changed; waited_s: s since then and since the last
+    refusal.
     """
 
     goal: CheckedGoal
@@ -80,17 +81,17 @@ class Commanded:
 
     @property
     def joints(self) -> FloatArray:
-        """The joints of the posture, (n,) rad, servo order."""
+        """Joint positions (n,) rad, servo order."""
         return self.goal.posture
 
     @property
     def stands(self) -> bool:
-        """Whether its posture is the one before."""
+        """True if the posture did not change."""
         return self.stood_s > 0.0
 
 
 def first_commanded(robot: RobotBody, goal: CheckedGoal, standing: FloatArray) -> Commanded:
-    """A robot at rest at its first goal, to stand as in `standing` (nq,)."""
+    """A robot at rest at its first goal, that will stand as in `standing` (nq,)."""
     q = standing.copy()
     q[robot.servo_columns] = goal.posture
     return Commanded(goal, Target(goal.posture), q, standing, np.zeros(robot.body.nv))
@@ -99,8 +100,8 @@ def first_commanded(robot: RobotBody, goal: CheckedGoal, standing: FloatArray) -
 def next_commanded(
     robot: RobotBody, before: Commanded, goal: CheckedGoal, target: Target | None, *, dt: float, on_soles: bool
 ) -> Commanded:
-    """The commanded posture `dt` s later, after a goal was sent for a target. on_soles: whether the robot stands as it
-    was commanded."""
+    """The commanded posture `dt` s later, after a goal was sent for a target. on_soles: the robot stands as
+    commanded."""
     standing, velocity = before.standing, before.velocity
     stands = np.array_equal(goal.posture, before.joints)
     stood_s = before.stood_s + dt if stands else 0.0
@@ -121,17 +122,16 @@ def next_commanded(
 
 
 RISE_S, JERK_S = 0.5, 0.2
-"""Times in which a slow move reaches its full speed, and its full acceleration: gentle enough for a robot whose mass
-moves over planted soles."""
+"""[s] Rise of speed and of acceleration in a slow move, gentle for a robot whose mass moves over planted soles."""
 BRAKE_S, BRAKE_JERK_S = 0.12, 0.04
-"""The same of braking: the robot stands within 0.35 s of a hold, and stays on its line."""
+"""[s] The same for braking: the robot stands within 0.35 s of a hold, on its line."""
 RETRY_S = 0.2
-"""A slow move goes on when the robot has stood this long after a refused goal: servos are behind their goals, and the
-gate checks both."""
+"""[s] Standing time before a refused slow move goes on: the servos catch up with their goals, and the gate checks
+both."""
 
 
 class SlowMove:
-    """A slow move of all joints at a share of their greatest speed, from where the robot was commanded to."""
+    """A slow move of all joints from the commanded posture. share: of their greatest speeds."""
 
     def __init__(self, robot: RobotBody, *, share: float, dt: float) -> None:
         velocity, most = share * robot.joint_map.max_velocity, robot.joint_map.max_acceleration
@@ -142,17 +142,17 @@ class SlowMove:
         self._last: Target | None = None
 
     def begin(self, commanded: Commanded) -> None:
-        """Begin at rest where the robot was commanded to."""
+        """Begin at rest at the commanded posture."""
         self._moves.reset(commanded.joints)
         self._last = commanded.target
 
     def is_at(self, goal: FloatArray, commanded: Commanded) -> bool:
-        """Return whether the robot was commanded to a goal (n,) rad and rests there."""
+        """True if the robot was commanded to a goal (n,) rad and rests there."""
         return self._moves.at_rest and np.array_equal(self._moves.position, goal) and self._is_sent(commanded)
 
     def towards(self, goal: FloatArray, commanded: Commanded, *, speed_override: float) -> Target | None:
-        """The target of the next tick on the way to a goal (n,), rad; None: something else was sent, and the robot has
-        to stand first."""
+        """The target of the next tick on the way to a goal (n,) rad; None: the robot has to stand first, as it was
+        moved by something else."""
         if not self._is_sent(commanded):
             if commanded.waited_s < RETRY_S:
                 return None
@@ -160,11 +160,11 @@ class SlowMove:
         return self._step(self._moving, goal, speed_override)
 
     def brake(self, commanded: Commanded) -> Target | None:
-        """The target of the next tick while the robot brakes on its line; None: something else was sent."""
+        """The target of the next tick of braking on the line; None: the robot was moved by something else."""
         return self._step(self._braking, self._moves.position, 0.0) if self._is_sent(commanded) else None
 
     def _step(self, moves: TrajectoryGenerator, goal: FloatArray, speed_override: float) -> Target:
-        """The target of the next tick; `moves` with other limits goes on as the robot moves."""
+        """The target of the next tick; a change of limits keeps position, velocity and acceleration."""
         if moves is not self._moves:
             moves.reset(self._moves.position, self._moves.velocity, self._moves.acceleration)
             self._moves = moves
@@ -172,7 +172,7 @@ class SlowMove:
         return self._last
 
     def is_refused(self, commanded: Commanded) -> bool:
-        """Return whether the gate has refused this move a moment ago."""
+        """True if the gate has refused this move less than RETRY_S ago."""
         return not self._is_sent(commanded) and commanded.waited_s < RETRY_S
 
     def _is_sent(self, commanded: Commanded) -> bool:
@@ -189,7 +189,7 @@ class ApproachPart(Enum):
 
 
 class Approach(Controller):
-    """Moves from where the robot was found to where following begins, no joint faster than the profile's `approach`."""
+    """Moves from the present posture to the beginning of following, no faster than the profile's `approach`."""
 
     def __init__(
         self,
@@ -200,8 +200,8 @@ class Approach(Controller):
         dt: float,
         goal: FloatArray | None = None,
     ) -> None:
-        """human: the performer's first posture. goal (n,): rad, where to go instead of to the performer's posture.
-        Raises RetargetError where the robot's posture for the performer is not finite."""
+        """human: the performer's first posture. goal (n,): rad, replaces the performer's posture as the destination.
+        Raises RetargetError if the robot's posture for the performer is not finite."""
         self._follower, self._human, self._dt = follower, human, dt
         self._share = robot.profile.safety.speed_caps.approach
         self.first = require_finite(follower.start(human))
@@ -218,16 +218,16 @@ class Approach(Controller):
         self.part = ApproachPart.STRAIGHT
 
     def is_refused(self, commanded: Commanded) -> bool:
-        """Return whether the gate refuses the straight part: then the robot holds, and tries again after a moment."""
+        """True if the gate refuses the straight part: the robot holds, and tries again."""
         return self.part is ApproachPart.STRAIGHT and self._move.is_refused(commanded)
 
     @property
     def arrived(self) -> bool:
-        """Whether following can begin."""
+        """True if following can begin."""
         return self.part is ApproachPart.ARRIVED
 
     def has_arrived(self, commanded: Commanded) -> bool:
-        """Return whether following can begin."""
+        """True if following can begin."""
         return self.arrived
 
     def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
@@ -247,19 +247,19 @@ class Approach(Controller):
         return Target(posture.q[self._columns], posture.q, self._follower.stop(self._dt))
 
     def brake(self, commanded: Commanded) -> Target | None:
-        """The target of the next tick while the robot brakes on the straight part."""
+        """The target of the next tick of braking on the straight part."""
         return self._move.brake(commanded)
 
 
 RETURNED_M, SPEED_UP_S = 0.01, 0.75
-"""After a hold the robot is slow until no sensor is farther (m) from its goal; its speed comes back in so many s."""
+"""After a hold the robot is slow until each sensor is within RETURNED_M, m, of its goal. Full speed returns in
+SPEED_UP_S."""
 
 
 class Follow(Controller):
-    """Takes a sample to the human, and the human to the robot.
+    """Maps the sample to the human posture, and that to the robot.
 
-    human: the posture reconstructed last. posture: of the robot for it, None before the first. costs: thread CPU of
-    both stages in the last tick, s.
+    human: reconstructed last. posture: of the robot for it. costs: thread CPU of both stages in the last tick, s.
     """
 
     def __init__(
@@ -272,14 +272,14 @@ class Follow(Controller):
         motion_dt: float,
         slow: float,
     ) -> None:
-        """human: of the first sample. motion_dt: s of the performer's time between ticks. slow: share of its speed at
-        which the robot returns to the performer."""
+        """motion_dt: s of the performer's time per tick. slow: share of its speed at which the robot returns to the
+        performer."""
         self._reconstructor, self._follower, self._slow = reconstructor, follower, slow
         self._dt, self._motion_dt = dt, motion_dt
         self.human = human
         self.posture: RobotPosture | None = None
         self.lost = False
-        """Whether no posture was found in the last tick."""
+        """True if the last tick found no posture."""
         self.costs = (np.nan, np.nan)
         self._ticks = 0
         self._settled = 1.0  # share of its speed that the robot may use beyond `slow`
@@ -293,7 +293,7 @@ class Follow(Controller):
             self._settled = 0.0
 
     def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
-        """Return the target for the sample of a performer; None: no posture was found."""
+        """The target for the sample of the performer; None: no posture was found."""
         sample = performer.sample
         assert sample is not None, "the supervisor holds the robot without a sample"
         begun = thread_cpu()
@@ -312,19 +312,16 @@ class Follow(Controller):
 
 
 REGAIN_S = 0.4
-"""Time in which a playback is back at its full speed after a hold."""
-
-
+"""[s] Time in which a playback regains full speed after a hold."""
 MOST_REFUSED, GONE_S = 5, 1.0
-"""The most times in a row that a playback loses its goals, each within so many s of them after the last."""
+"""Most consecutive interruptions of a playback, each within GONE_S, s, of progress after the one before."""
 
 
 class GoalPlayback(Controller):
-    """Sends recorded goals once more, in place of following. Where something else was sent, the robot stands first, and
-    returns to them slowly."""
+    """Sends recorded goals instead of following. After an interruption the robot stands, and returns to them slowly."""
 
     def __init__(self, robot: RobotBody, goals: FloatArray, *, dt: float) -> None:
-        """goals (T, n): rad, servo order, a tick from row to row; the robot is at the first when this begins."""
+        """goals (T, n): rad, servo order, a tick from row to row; the robot begins at the first."""
         self._goals, self._dt = goals, dt
         self._last: Target | None = None  # None: the robot is at the first goal
         self._gone, self._pace = 0.0, 1.0  # rows; share of the recording's speed
@@ -332,17 +329,16 @@ class GoalPlayback(Controller):
         self._move = SlowMove(robot, share=robot.profile.safety.speed_caps.approach, dt=dt)
 
     def has_arrived(self, commanded: Commanded) -> bool:
-        """Return whether the last goal was sent."""
+        """True if the last goal was sent."""
         at_last = self._last is not None and np.array_equal(self._last.joints, self._goals[-1])
         return self._gone == len(self._goals) - 1 and at_last and self._is_sent(commanded)
 
     def is_refused(self, commanded: Commanded) -> bool:
-        """Return whether the gate refuses the goals: the robot holds, and tries again after a moment, but not for
-        ever."""
+        """True if the gate refuses the goals: the robot holds, and tries again MOST_REFUSED times."""
         return self._lost > MOST_REFUSED or (not self._is_sent(commanded) and self._move.is_refused(commanded))
 
     def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
-        """Return the next recorded goal, or one on the way back to it; None: the robot has to stand first."""
+        """The next recorded goal, or a step back to it; None: the robot has to stand first."""
         row, share = int(self._gone), self._gone % 1.0
         goal = self._goals[row]
         if share > 0.0:
@@ -365,8 +361,7 @@ class GoalPlayback(Controller):
 
 @dataclass(frozen=True, eq=False)
 class GoalsInstead:
-    """Goals that are sent in place of following a performer. first (n,): rad, servo order, where the approach leads to.
-    name: what a message calls them."""
+    """Goals that replace a performer. first (n,): rad, the destination of the approach. name: for messages."""
 
     controller: Controller
     first: FloatArray
@@ -374,9 +369,11 @@ class GoalsInstead:
 
 
 class ComeToRest(Controller):
-    """Leaves the robot to the stop that was verified last; on the straight part of the approach it brakes more gently,
-    along its line. Then the robot stands. A limb that presses brakes harder, and goes back to where it was when the
-    press was found, which is a part of the stop: pressed, None where nothing presses."""
+    """Leaves the robot to the last verified stop, and then lets it stand.
+
+    On the straight part of the approach it brakes more gently, on its line. A limb in contact (`pressed`) brakes
+    harder, and returns to where it was at that moment.
+    """
 
     def __init__(self, robot: RobotBody, follower: Follower, approach: Approach, gate: Gate, *, dt: float) -> None:
         self._robot, self._follower, self._approach, self._dt = robot, follower, approach, dt
@@ -384,21 +381,20 @@ class ComeToRest(Controller):
         self.pressed: Press | None = None
 
     def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
-        """The target of a robot that stands, which is the one to which it was commanded, or that brakes on its line;
-        None: the gate follows the stop."""
+        """The commanded target while the robot stands, or one of braking; None: the gate follows the stop."""
         self._follower.pass_time(self._dt)
         if self.pressed is not None and self._standing is not None and not self._follower.walks:
             path = return_path(self.pressed, commanded.goal, self._robot.joint_map, dt=self._dt)
             if path is not None:
                 postures = self._standing.postures(path, commanded.standing)
                 return Target(path[0], postures[0], StopPath(postures, self._follower.footing))
-        if commanded.stands:  # where it got by a part of a goal, the stop from there would lead on
+        if commanded.stands:  # the stop of a target that passed in part would lead on
             return commanded.target if commanded.target.stop is None else replace(commanded.target, stop=None)
         return self._approach.brake(commanded) if self._approach.part is ApproachPart.STRAIGHT else None
 
 
 class ReturnToStance(Controller):
-    """The follower leads the robot to its stance on its soles; see `Follower.return_to_stance`."""
+    """Leads the robot to its stance on its soles; see `Follower.return_to_stance`."""
 
     def __init__(self, robot: RobotBody, follower: Follower, *, dt: float) -> None:
         self._follower, self._dt = follower, dt
@@ -406,7 +402,7 @@ class ReturnToStance(Controller):
         self._next: FloatArray | None = None  # (nq,) posture; None: the robot is there
 
     def has_arrived(self, commanded: Commanded) -> bool:
-        """Return whether the robot stands as in its stance, or needs no return."""
+        """True if the robot is in its stance, or needs no return."""
         return self._next is None
 
     def begin(self, commanded: Commanded) -> None:
@@ -415,7 +411,7 @@ class ReturnToStance(Controller):
         self._follower.begin_return_to_stance(self._next, self._dt)
 
     def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target:
-        """The target of the next tick: where the robot stands once the return is over."""
+        """The target of the next tick."""
         self._follower.set_speed_override(speed_override)
         self._next = q = self._follower.return_to_stance(self._dt)
         if q is None:
@@ -429,13 +425,12 @@ def rest_joints(robot: RobotBody) -> FloatArray:
 
 
 REST_WITHIN_S = 1.9
-"""Longest duration of a move from one keyframe to the next, where the servos can."""
+"""[s] Longest move from one keyframe to the next, if the servos can."""
 
 
 class GoToRest(Controller):
-    """Moves from where the robot stands through keyframes to posture `rest`.
-
-    Where the gate refuses a goal, the robot holds, and tries again from there."""
+    """Moves from the commanded posture through keyframes to posture `rest`. After a refusal the robot holds, and tries
+    again."""
 
     def __init__(
         self,
@@ -445,17 +440,17 @@ class GoToRest(Controller):
         dt: float,
         pass_time: Callable[[float], object] = lambda dt: None,
     ) -> None:
-        """keyframes: names of postures of the profile, the last is `rest`. pass_time: receives `dt` s in every tick."""
+        """keyframes: postures of the profile, the last is `rest`. pass_time: receives `dt` s in every tick."""
         self._robot, self._dt, self._pass_time = robot, dt, pass_time
         self._names, self._keyframes = keyframes, list[FloatArray]()
         self._move: SlowMove | None = None
 
     def has_arrived(self, commanded: Commanded) -> bool:
-        """Return whether the robot is at rest."""
+        """True if the robot is at rest."""
         return self._move is not None and not self._keyframes
 
     def begin(self, commanded: Commanded) -> None:
-        """Begin where the robot was commanded to."""
+        """Begin at the commanded posture."""
         angles = [getattr(self._robot.profile.postures, name) for name in self._names]
         self._keyframes = [self._robot.posture(one)[self._robot.servo_columns] for one in angles]
         servos, caps = self._robot.joint_map, self._robot.profile.safety.speed_caps
@@ -475,7 +470,7 @@ class GoToRest(Controller):
         return self._move.towards(self._keyframes[0], commanded, speed_override=speed_override)
 
     def brake(self, commanded: Commanded) -> Target | None:
-        """The target of the next tick while the robot slows down on its line, as gently as it moves, for a moment."""
+        """The target of the next tick of slowing down on the line."""
         if self._move is None or not self._keyframes:
             return None
         return self._move.towards(self._keyframes[0], commanded, speed_override=0.0)
@@ -496,8 +491,7 @@ def require_finite(posture: RobotPosture) -> RobotPosture:
 
 
 class RobotMotion:
-    """Moves one robot: the controller of each state, and the gate. In each tick: `target`, `check`, `next`. Where the
-    robot was commanded to last is handed in."""
+    """Moves one robot by the controller of each state and the gate. In each tick: `target`, `check`, `next`."""
 
     def __init__(
         self,
@@ -512,9 +506,8 @@ class RobotMotion:
         goals: GoalsInstead | None = None,
         keyframes: Sequence[str] | None = None,
     ) -> None:
-        """first: the sample that the robot approaches. dt: s between ticks; motion_dt: s of the performer's time.
-        goals: sent instead of following. keyframes: of its way to rest; None: those of the profile. Raises
-        RetargetError where the posture to approach is not known."""
+        """first: the sample that the robot approaches. motion_dt: s of the performer's time per tick. keyframes: to
+        rest; None: those of the profile. Raises RetargetError if the posture to approach is not finite."""
         self._robot, self._follower, self._gate, self._dt = robot, follower, gate, dt
         human, slow = reconstructor.start(first), robot.profile.safety.speed_caps.approach
         self.approach = Approach(robot, follower, human, dt=dt, goal=None if goals is None else goals.first)
@@ -537,17 +530,17 @@ class RobotMotion:
         }
         self._state = RunState.OFF  # of the last target
 
-    def give_way(self, pressed: Press | None) -> None:
-        """Let the limb of a press give way while the robot holds; None: nothing presses."""
+    def set_press(self, pressed: Press | None) -> None:
+        """Set the contact whose limb yields while the robot holds."""
         self._stop.pressed = pressed
 
     @property
     def on_approach(self) -> bool:
-        """Whether the robot is on the straight part of its approach."""
+        """True on the straight part of the approach."""
         return self.approach.part is ApproachPart.STRAIGHT
 
     def refused(self, commanded: Commanded) -> str:
-        """What the gate refuses now, so that the robot holds; "" where it refuses nothing."""
+        """The motion that the gate refuses now, so that the robot holds; else ""."""
         if self.approach.is_refused(commanded):
             return "the approach"
         instead = self._instead
@@ -556,27 +549,25 @@ class RobotMotion:
         return ""
 
     def begin(self, present: FloatArray) -> Commanded:
-        """Begin at rest at the present joint positions, rad (n,). Raises HardwareError if not finite."""
+        """Begin at rest at the present joint positions (n,) rad. Raises HardwareError if not finite."""
         goal = self._gate.begin(present)
         if self._gate.clearance is not None:
             self._gate.clearance.begin(present)
         return first_commanded(self._robot, goal, self.approach.first.q)
 
     def stands(self, commanded: Commanded) -> bool:
-        """Whether nothing is left to brake: neither the posture nor the goals that hold it, which may still change
-        where they make up for a load."""
+        """True if neither the posture nor its goals, which may still follow the load, have anything left to brake."""
         return commanded.stands and self._gate.at_rest(commanded.goal)
 
     def has_arrived(self, state: RunState, commanded: Commanded) -> bool:
-        """Whether the controller of a state has begun, and has nothing left to do."""
+        """True if the controller of a state has begun, and has arrived."""
         controller = self._controllers.get(state)
         return state is self._state and controller is not None and controller.has_arrived(commanded)
 
     def target(
         self, state: RunState, commanded: Commanded, performer: PerformerInput, *, speed_override: float
     ) -> Target | None:
-        """The target of the next tick, see `Controller.target`; None also in a state without a controller. The first
-        target of a state begins it."""
+        """The target of the next tick, see `Controller.target`. The first target of a state begins it."""
         controller = self._controllers.get(state)
         if controller is None:
             return None
@@ -586,13 +577,12 @@ class RobotMotion:
         return controller.target(commanded, performer, speed_override=speed_override)
 
     def brake(self, state: RunState, commanded: Commanded) -> Target | None:
-        """The target of the next tick of a robot that brakes in a state: on its line on the way to rest; else None, and
-        it goes on with its stop."""
+        """The target of a robot that brakes on its line to rest; None: its stop goes on."""
         return self._to_rest.brake(commanded) if state is RunState.GO_TO_REST else None
 
     def check(self, commanded: Commanded, target: Target | None) -> tuple[CheckedGoal, Target | None]:
-        """The goal for a target, and the target that it is for: the whole of it, or as much as the robot can do now on
-        its soles. Where the gate refuses all, or there is no target, the robot goes on with its stop."""
+        """The goal for a target, and the part of the target that it fulfils; after a refusal the next goal of the
+        stop."""
         goal, last, standing = None, commanded.goal, commanded.standing
         if target is not None and target.stop is not None and self._governor is not None:
             governed = self._governor.check(last, target.stop, standing)
@@ -604,13 +594,12 @@ class RobotMotion:
         return goal or self._gate.brake(last), target
 
     def next(self, commanded: Commanded, goal: CheckedGoal, target: Target | None) -> Commanded:
-        """Where the robot is commanded to by a goal for a target."""
+        """The commanded posture after a goal for a target."""
         on_soles = not self.on_approach
         return next_commanded(self._robot, commanded, goal, target, dt=self._dt, on_soles=on_soles)
 
-    def lead_from(self, commanded: Commanded, wanted: Target | None) -> None:
-        """Let the follower go on from where the robot is commanded to, where that is not what it asked for: all of
-        `wanted`."""
-        asked = wanted is not None and wanted.q is not None and commanded.target is wanted
-        if not (self.on_approach or asked):
+    def reseed_follower(self, commanded: Commanded, desired: Target | None) -> None:
+        """Let the follower go on from the commanded posture, unless that is its desired target, whole."""
+        followed = desired is not None and desired.q is not None and commanded.target is desired
+        if not (self.on_approach or followed):
             self._follower.reseed(commanded.q, commanded.velocity, rests=not commanded.goal.passed)

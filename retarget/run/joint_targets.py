@@ -1,8 +1,7 @@
-"""Joint targets from outside: a robot that follows a posture which another program changes, not a performer.
+"""Joint targets of another program, in place of a performer.
 
-The targets come at a rate of their own, late or in jumps. They are smoothed, and the initial offset decays at approach
-speed, so that a target far away is approached, never leapt to. The gate checks the result with the path of its stop, as
-it does for a performer.
+Targets come at a rate of their own, late or in jumps. They are smoothed, and the initial offset decays at approach
+speed. The gate checks the result with the path of its stop.
 """
 
 from typing import Protocol
@@ -18,15 +17,14 @@ from retarget.run.controllers import JERK_S, RISE_S, Commanded, Controller, Goal
 from retarget.types import FloatArray
 
 SMOOTH_S, SMOOTH_JERK_S = 0.06, 0.03
-"""Times in which the smoothed target reaches the servos' greatest velocity, and its acceleration: about two periods of
-targets that come at 30 Hz, whose steps they hide; together they delay by half their sum."""
+"""[s] Rise of the smoothed target's velocity and acceleration: about two periods of targets at 30 Hz. The delay is half
+of their sum."""
 JUMP = 1.5
-"""A target that moves faster than this multiple of a servo's greatest velocity has jumped: noise in the times of
-targets is less."""
+"""A target faster than this multiple of a servo's greatest velocity has jumped; timing noise is less."""
 
 
 class JointTargets(Protocol):
-    """Where the robot is to be."""
+    """A source of joint targets."""
 
     def target(self) -> FloatArray:
         """The target of this tick, (n,) rad, servo order, finite."""
@@ -34,10 +32,9 @@ class JointTargets(Protocol):
 
 
 class TargetFollower(Controller):
-    """Follows joint targets: the smoothed target, plus an offset that decays at approach speed.
+    """Follows the smoothed target plus an offset that decays at approach speed.
 
-    offset = commanded - target. It begins anew whenever following does, when the gate let something else pass, and when
-    the target jumps.
+    offset = commanded - target. It restarts with following, after a refusal, and when the target jumps.
     """
 
     def __init__(self, robot: RobotBody, follower: Follower, targets: JointTargets, *, dt: float) -> None:
@@ -73,7 +70,6 @@ class TargetFollower(Controller):
         return self._last
 
     def _planned(self, joints: FloatArray, commanded: Commanded) -> Target:
-        """The target for joints (n,) rad, planted where the robot stands, and its stop on its soles."""
         robot, dt = self._robot, self._dt
         q = commanded.standing.copy()
         q[robot.servo_columns] = joints

@@ -21,29 +21,30 @@ from retarget.run.tick import Failure, Machine, TickDone, TickInput, TickOutput,
 from retarget.types import RunState
 
 LATE, MANY_LATE = 0.35, 0.01
-"""A tick is late that begins so many periods after it is due; from this share of late ticks on, a note says so."""
+"""A tick is late after this share of a period; from MANY_LATE, a share of the ticks, on a note is written."""
 STOOD_S = 1.0
-"""Time, s, that a simulated robot stands at the end of a run, to be seen standing."""
+"""[s] A simulated robot stands so long at the end of a run."""
 
 
 class Operator:
-    """Who may stop a run; this one never does."""
+    """The source of an operator's requests; this one has none."""
 
-    def ask(self, state: RunState | None) -> OperatorInput:
-        """What is asked for at the beginning of a tick. state: before it; None: of a human alone, which is over when it
-        stops. Never waits."""
-        return self.asked()
+    def poll(self, state: RunState | None) -> OperatorInput:
+        """The requests at the beginning of a tick, without waiting. state: before the tick; None for a human alone."""
+        return self.requested()
 
-    def asked(self) -> OperatorInput:
-        """What was asked for so far; counts where `ask` fails, so that a broken control does not hide the others."""
+    def requested(self) -> OperatorInput:
+        """The requests so far; used if `poll` fails, so that a broken control does not hide the others."""
         return OperatorInput()
 
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """A tick that is done. record, row: what it has filled; row is None where no goal was sent. given, output: of
-    `step`; output is None for a human alone. tried: the goal that was last given to the bus, whether that failed or
-    not."""
+    """A completed tick.
+
+    row: in the record, None if no goal was sent. output: None for a human alone. tried: the goal last given to the bus,
+    even if that failed.
+    """
 
     record: Record
     row: int | None
@@ -52,21 +53,22 @@ class Tick:
     tried: CheckedGoal | None = None
 
 
-class Observer:
-    """Looks on at a run. One that fails is not called any more, and the robot goes on.
+class RunObserver:
+    """Observes a run. After a failure it is called no more, and the robot goes on.
 
-    failure: the exception in words; "" while there is none."""
+    failure: the exception in words, or "".
+    """
 
     failure = ""
 
     def armed(self, given: TickInput, goal: CheckedGoal) -> None:
-        """The robot is armed. given: its servos, and the sample that it approaches; goal: its present posture."""
+        """Called when the robot is armed. goal: its present posture."""
 
     def see(self, tick: Tick) -> None:
-        """Look at a tick that is done, in the thread of the ticks."""
+        """Called after each tick, in the thread of the ticks."""
 
 
-class RowObserver(Observer):
+class RowObserver(RunObserver):
     """Calls a function with the record and the row of each tick."""
 
     def __init__(self, look: Callable[[Record, int], object]) -> None:
@@ -78,8 +80,8 @@ class RowObserver(Observer):
             self._look(tick.record, tick.row)
 
 
-class Progress(Observer):
-    """Calls a function with the number of ticks that were followed, once in `every` of them."""
+class Progress(RunObserver):
+    """Calls a function with the number of followed ticks, once in `every` of them."""
 
     def __init__(self, show: Callable[[int], object], every: int = 50) -> None:
         self._show, self._every = show, every
@@ -97,9 +99,11 @@ class Progress(Observer):
 
 @dataclass(frozen=True, eq=False)
 class Ending:
-    """The end of a run. wall_s: of the ticks that followed. state: of the supervisor, None without a robot; reason: why
-    it stopped early. late_ticks: ticks that began late. standing: why the robot stood at the end, "" where it did
-    not."""
+    """The end of a run.
+
+    wall_s: of the followed ticks. state: of the supervisor. reason: of an early stop. standing: why the robot stands at
+    the end, or "".
+    """
 
     record: Record
     wall_s: float
@@ -110,7 +114,7 @@ class Ending:
 
     @property
     def too_slow(self) -> tuple[str, ...]:
-        """A note about a machine that misses ticks; the report counts them."""
+        """A note about a machine that misses ticks."""
         ticks = len(self.record)
         if self.late_ticks <= MANY_LATE * ticks:
             return ()
@@ -118,39 +122,39 @@ class Ending:
 
 
 class Inputs(Protocol):
-    """Where the inputs of the ticks come from. late_ticks: ticks that began late."""
+    """The inputs of the ticks. late_ticks: ticks that began late."""
 
     late_ticks: int
 
     def restart(self) -> None:
-        """The ticks begin, one period from now."""
+        """Begin the ticks one period from now."""
         ...
 
     def gather(self, tick: int, run_state: RunState, *, approached: bool) -> TickInput:
-        """Wait until the next tick is due, and gather its input. tick: of the performance; run_state: before it;
-        approached: whether the robot is where following begins. Raises nothing: what fails is in the input."""
+        """Wait until the next tick is due, and gather its input. tick: of the performance; approached: following can
+        begin. Failures are in the input; nothing is raised."""
         ...
 
 
 class LiveInputs:
-    """Gathers the inputs of the ticks from the operator, the performer and the servos, in this order."""
+    """Gathers inputs from the operator, the performer and the servos, in this order."""
 
     def __init__(self, machine: Machine, samples: Samples, operator: Operator) -> None:
         self._machine, self._samples, self._operator = machine, samples, operator
         self._due, self.late_ticks = machine.clock.now(), 0
 
     def restart(self) -> None:
-        """The ticks begin, one period from now."""
+        """Begin the ticks one period from now."""
         self._due = self._machine.clock.now()
 
     def gather(self, tick: int, run_state: RunState, *, approached: bool) -> TickInput:
-        """Wait until the next tick is due, and gather its input, as `Inputs.gather` says."""
+        """Wait until the next tick is due, and gather its input."""
         self._wait()
         clock, samples, failures = self._machine.clock, self._samples, list[Failure]()
         operator, servos, performer = OperatorInput(), None, PerformerInput()
         with caught(failures, StopCause.SOURCE):
-            operator = self._operator.asked()
-            operator = self._operator.ask(run_state)
+            operator = self._operator.requested()
+            operator = self._operator.poll(run_state)
         with caught(failures, StopCause.SOURCE):
             samples.poll()
         with caught(failures, StopCause.BUS):
@@ -168,7 +172,7 @@ class LiveInputs:
         return look_at(samples, tick, approached=approached)
 
     def _wait(self) -> None:
-        """Wait until the next tick is due. What is late is skipped and counted: it is not made up for."""
+        """Wait until the next tick is due. Delays are counted and skipped, not made up for."""
         clock, dt = self._machine.clock, self._machine.dt
         due, now = self._due + dt, clock.now()
         self.late_ticks += now - due > LATE * dt
@@ -177,8 +181,7 @@ class LiveInputs:
 
 
 def _times_of(given: TickInput, costs: tuple[float, float] | None) -> dict[str, float]:
-    """Times of the stages of a tick up to the robot's posture. A stage takes its thread CPU, so that they are known
-    where time is virtual, too. costs: of both stages, s, where they ran."""
+    """Times of the stages of a tick, s. Stages take their thread CPU, so they are known on virtual time, too."""
     sample, times = given.performer.sample, {"time_used": given.now}
     if given.servos is not None:
         times["time_read"] = given.servos.time
@@ -192,7 +195,7 @@ def _times_of(given: TickInput, costs: tuple[float, float] | None) -> dict[str, 
 
 
 class Loop:
-    """One run of one robot; call `run` once. `tick` gathers the input of a tick, calls `perform`, and keeps the row."""
+    """One run of one robot; call `run` once."""
 
     def __init__(
         self,
@@ -200,11 +203,11 @@ class Loop:
         samples: Samples,
         reconstructor: Reconstructor,
         operator: Operator,
-        observers: Sequence[Observer] = (),
+        observers: Sequence[RunObserver] = (),
         inputs: Inputs | None = None,
     ) -> None:
-        """inputs: of the ticks; None: from the samples, the operator and the bus. Raises RetargetError where the
-        posture to approach is not known."""
+        """inputs: None: from the samples, the operator and the bus. Raises RetargetError if the posture to approach is
+        not finite."""
         self._machine, self._samples, self._observers = machine, samples, observers
         self._inputs = LiveInputs(machine, samples, operator) if inputs is None else inputs
         first = samples.sample(0)
@@ -233,11 +236,10 @@ class Loop:
         self._state: TickState  # once it is armed
 
     def run(self, quiet: Callable[[], AbstractContextManager[None]] | None = None) -> Ending:
-        """Run from arming to torque off. quiet: around the ticks; None: without garbage collection, which a program
-        with other threads would miss.
+        """Run from arming to torque off. quiet: context of the ticks; None: without garbage collection, for programs
+        without other threads.
 
-        Raises GuardError or BusError where the robot cannot be armed, TorqueError where torque could not be switched
-        off after an interrupt.
+        Raises GuardError or BusError if the robot cannot be armed, TorqueError if torque stayed on after an interrupt.
         """
         try:
             self._arm()
@@ -255,13 +257,13 @@ class Loop:
 
     @property
     def _over(self) -> bool:
-        """True if the run is over: torque may go off, or a simulated robot has stood for a moment."""
+        """True if torque may go off, or a simulated robot has stood for STOOD_S."""
         supervisor = self._machine.supervisor
         stands = supervisor.state is RunState.STANDING and not self._machine.waits
         return supervisor.over or (stands and self._now - supervisor.since >= STOOD_S)
 
     def tick(self) -> None:
-        """One tick. An exception anywhere in it becomes an input, and the robot brakes, or torque goes off."""
+        """One tick. An exception becomes an input, and the robot brakes, or torque goes off."""
         machine, motion, failures = self._machine, self._motion, list[Failure]()
         with caught(failures, StopCause.SOURCE):
             self._recorder.begin()
@@ -274,8 +276,7 @@ class Loop:
         self._keep(done)
 
     def _keep(self, done: TickDone) -> None:
-        """Fill the row of this tick, and show it to the observers. A failure to do so stops the robot in the next tick;
-        that of an observer does not."""
+        """Fill the row, and call the observers. A failure of the row stops the robot in the next tick."""
         machine, failures, given, output = self._machine, list[Failure](), done.given, done.output
         for text in output.news:
             with caught([], StopCause.SOURCE):  # a lost terminal must not keep the robot from a stop
@@ -303,7 +304,7 @@ class Loop:
             self._machine.guard,
             output.state.commanded.q,
             output.goal,
-            asked=output.target is not None or (state in STOPS and not given.failed),
+            commanded=output.target is not None or (state in STOPS and not given.failed),
             gated=output.gated,
             followed=output.followed,
             unexplained=None if self._machine.contact is None else self._machine.contact.unexplained,
@@ -321,8 +322,6 @@ class Loop:
             show(self._observers, lambda observer: observer.see(seen))
 
         recorder.keep(phase, kept, approaches=approaches)
-
-    # The beginning and the end of a run.
 
     def _arm(self) -> None:
         """Set every goal to its present position, then switch torque on."""
@@ -342,7 +341,7 @@ class Loop:
         self._inputs.restart()
 
     def _look_for_imu(self) -> None:
-        """Raises GuardError where a robot that stands has an IMU that measures nothing."""
+        """Raise GuardError if the IMU of a robot on its soles measures nothing."""
         machine, states = self._machine, self._machine.guard.states
         if machine.tip_watch is None or states is None:
             return
@@ -353,8 +352,7 @@ class Loop:
             raise GuardError("the IMU measures nothing valid, so a fall would not be seen", where="arming", then=then)
 
     def _give_up(self, error: BaseException) -> None:
-        """Stop and switch torque off after an interrupt or an error outside of a tick. Raises TorqueError from it where
-        torque could not be switched off."""
+        """Stop and switch torque off after an error outside of a tick. Raises TorqueError if torque stays on."""
         machine = self._machine
         try:
             if machine.supervisor.torque:
@@ -370,7 +368,7 @@ class Loop:
                 raise TorqueError(stop.reason) from error
 
     def _release(self) -> None:
-        """Switch torque off. A failure is latched, and is the reason of the stop."""
+        """Switch torque off. A failure is latched as the reason of the stop."""
         machine = self._machine
         try:
             machine.guard.release()
@@ -378,8 +376,8 @@ class Loop:
             machine.supervisor.take(Event.TORQUE_OFF, machine.clock.now())
 
 
-def show(observers: Sequence[Observer], look: Callable[[Observer], object]) -> None:
-    """Let the observers look that have not failed."""
+def show(observers: Sequence[RunObserver], look: Callable[[RunObserver], object]) -> None:
+    """Call the observers that have not failed."""
     for observer in observers:
         if not observer.failure:
             failures = list[Failure]()
@@ -389,9 +387,13 @@ def show(observers: Sequence[Observer], look: Callable[[Observer], object]) -> N
 
 
 def run_human(
-    samples: Samples, reconstructor: Reconstructor, operator: Operator, clock: Clock, observers: Sequence[Observer] = ()
+    samples: Samples,
+    reconstructor: Reconstructor,
+    operator: Operator,
+    clock: Clock,
+    observers: Sequence[RunObserver] = (),
 ) -> Ending:
-    """Run samples through the first stage alone, where there is no robot, a tick each period of the clock."""
+    """Run the human stage alone, a tick per period of the clock."""
     first, due = samples.sample(0), clock.now()
     assert first is not None, "the first sample is valid"
     human = reconstructor.start(first)
@@ -401,7 +403,7 @@ def run_human(
         clock.sleep_until(due)
         if tick == samples.kept:
             recorder.close()
-        if stop := operator.ask(None).stop:
+        if stop := operator.poll(None).stop:
             return Ending(*recorder.finish(), None, stop)
         if samples.over:
             break
@@ -424,7 +426,7 @@ def run_human(
 
 @contextmanager
 def _without_garbage_collection() -> Iterator[None]:
-    """Keep the garbage collector out of the ticks: nothing in them makes cycles."""
+    """Disable garbage collection; the ticks make no cycles."""
     was_on = gc.isenabled()
     gc.disable()
     try:

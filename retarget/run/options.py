@@ -1,4 +1,4 @@
-"""Options of a run, checked before any file is opened, and the priority files that they mean."""
+"""Options of a run, checked before any file is opened, and the priority files that they select."""
 
 from dataclasses import dataclass, field
 from math import inf, nan
@@ -12,10 +12,8 @@ from retarget.model.robot import Mounting, RobotBody
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.priorities import Legs, Steps
 
-# Options of a run with physics: what the robot stands on, the seed, and what is perturbed on purpose.
-
 MOUNTS: dict[str, Root] = {"floor": "free", "stand": "fixed", "gantry": "suspended"}
-"""What the robot is on, and the root with which it then follows."""
+"""The support of the robot, and the root with which it then follows."""
 PERTURBATIONS: dict[str, tuple[float, float] | None] = {
     "mass": (0.5, 2.0),
     "centre_of_mass": None,
@@ -24,22 +22,21 @@ PERTURBATIONS: dict[str, tuple[float, float] | None] = {
     "stiffness": (0.1, 10.0),
     "push": None,
 }
-"""Kinds of perturbation, and what a number after `=` may be: factor of mass and of stiffness, coefficient, s. None: it
-is only drawn."""
-MAX_SEED = 2**32 - 1
-"""Largest seed: of 32 bits, which every generator takes."""
+"""Kinds of perturbation, and range of a number after `=`: factors of mass and stiffness, a coefficient, s. None: only
+drawn."""
+MAX_SEED = 2**32 - 1  # 32 bits, which every generator takes
 
 
 @dataclass(frozen=True)
 class PhysicsOptions:
-    """Options of `--bus physics`, named as on the command line. Raises UsageError for a value that cannot be meant.
+    """Options of `--bus physics`, named as on the command line. Raises UsageError.
 
     Physics:
-        mount floor|stand|gantry: What it is on; usually by its profile's root.
+        mount floor|stand|gantry: Support of the robot; usually by its profile's root.
         hook FRAME: Frame by which a gantry holds it; usually 'hook'.
         perturbations (--perturb) KIND[=X]: mass, centre_of_mass, friction, latency, stiffness or push, drawn by the
             seed or as given (stiffness=0.7). Also several times.
-        seed N: Of all random choices.
+        seed N: Seed of all random choices.
     """
 
     mount: str | None = None
@@ -66,7 +63,7 @@ class PhysicsOptions:
 
 
 def perturbation_of(text: str) -> tuple[str, float | None]:
-    """The kind of a perturbation, and the number after `=`, None: it is drawn. Raises UsageError."""
+    """The kind of a perturbation, and the number after `=`, if given. Raises UsageError."""
     kind, given, number = text.partition("=")
     _one_of(kind, tuple(PERTURBATIONS), "--perturb", "perturbation")
     within = PERTURBATIONS[kind]
@@ -94,25 +91,22 @@ def _one_of(value: str, allowed: tuple[str, ...], option: str, what: str, also: 
 
 
 BUSES = ("mock", "emulator", "physics", "physics+wire", "none", "profile")
-"""Buses by name; anything else is the path of a port, or `module:Class` (see `retarget.run.own_bus`)."""
+"""Buses by name; anything else is a port, or `module:Class` (see `retarget.run.own_bus`)."""
 SIMULATED = ("mock", "emulator", "physics", "physics+wire", "none")
 """Buses without real servos: a recording is played as fast as the machine can."""
-PHYSICS = ("physics", "physics+wire")
-"""Buses on which the simulated robot has mass; the second passes the emulator's bytes."""
-WIRED = ("emulator", "physics+wire")
-"""Buses with an emulated wire, on which faults can be injected."""
+PHYSICS = ("physics", "physics+wire")  # the simulated robot has mass; the second passes the emulator's bytes
+WIRED = ("emulator", "physics+wire")  # buses with an emulated wire, on which faults can be injected
 SERVOLESS = ("mock", "none")
-"""Buses whose servos measure no current, voltage and temperature; those that `--robot human` accepts."""
-MAX_ITERATIONS = 100
-"""Most iterations of a frame, twenty times the paper's: more is a mistyped value."""
+"""Buses without current, voltage and temperature; those of `--robot human`."""
+MAX_ITERATIONS = 100  # twenty times the paper's: more is a mistyped value
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options of a run, named as on the command line. Raises UsageError for a value that cannot be meant.
+    """Options of a run, named as on the command line. Raises UsageError for an impossible value.
 
     None: as the robot's profile or the priority files say; of `performer`, five. gate: whether goals are checked before
-    they are sent. physics: of the simulated mechanics. playback: of a recording.
+    they are sent.
 
     Robot:
         robot NAME|PATH: By name or path; or 'human' alone.
@@ -125,11 +119,11 @@ class RunOptions:
         allow_contact: Begin also where the body touches the scene.
         stand_at_end: End standing, with torque.
         torque_off_at_end: End at rest, even if it topples there.
-        parts whole|upper: What follows; 'upper' keeps the legs still.
+        parts whole|upper: Parts that follow; 'upper' keeps the legs still.
         legs free: Pelvis and feet as the performer's; on no servos.
         steps WAY: When the performer walks: planted (usual), walk, follow (of a robot that hangs).
         iterations (--n-ik) N: Iterations per frame at most, both stages.
-        faults FILE.yaml: What goes wrong on the emulator's wire.
+        faults FILE.yaml: Faults on the emulator's wire.
 
     Playback:
         speed X: 1 is the performer's speed.
@@ -235,17 +229,17 @@ class RunOptions:
 
     @property
     def simulated(self) -> bool:
-        """Whether no real servo is on the bus, so that time need not be real."""
+        """True without real servos, so that time need not be real."""
         return self.bus in SIMULATED
 
     @property
     def has_physics(self) -> bool:
-        """Whether the robot's mass is simulated, and it can fall."""
+        """True if the robot's mass is simulated."""
         return self.bus in PHYSICS
 
     @property
     def has_mass(self) -> bool:
-        """Whether the robot has mass, real or simulated: it can tip, and falls from where it stands without torque."""
+        """True if the robot has mass, real or simulated, and can tip."""
         return self.has_physics or not self.simulated
 
     @property
@@ -255,23 +249,19 @@ class RunOptions:
 
     @property
     def is_human(self) -> bool:
-        """Whether only the performer is reconstructed."""
+        """True if only the performer is reconstructed."""
         return self.robot == HUMAN
 
 
-# Which priority files a run uses: those of its options, else of the robot's profile.
-
 HUMAN_PRIORITIES = "human"
-WITHOUT_MASS = "servo"
-"""Priority file for a robot without mass; with mass one of the next two takes its place."""
+WITHOUT_MASS = "servo"  # priority file of a robot without mass; one with mass uses one of the next two
 STANDING_WITH_MASS, FIXED_WITH_MASS = "balanced", "fixed_base"
-"""Priority files for a robot on its own soles, and for one that hangs or is bolted down and whose servos lag behind."""
-FREE_LEGS = "free_legs"
-"""Priority file for a robot that nothing carries."""
+"""Priority files of a robot on its soles, and of one that hangs or is bolted down and whose servos lag."""
+FREE_LEGS = "free_legs"  # priority file of a robot that nothing carries
 
 
 def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, ...]:
-    """The priority files of the stages, by name or path; `--priorities` replaces that of the last stage."""
+    """The priority files of the stages; `--priorities` replaces that of the last stage."""
     if robot is None:
         return (options.priorities or HUMAN_PRIORITIES,)
     if options.legs:
@@ -281,7 +271,7 @@ def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, .
 
 
 def name_with_mass(robot: RobotBody) -> str:
-    """The priority file of a robot that has mass, by name or path, where no option names one."""
+    """The priority file of a robot with mass, if no option names one."""
     profile = robot.profile
     if robot.stands and profile.standing is not None:
         return profile.standing

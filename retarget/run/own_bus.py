@@ -1,8 +1,8 @@
 """A bus of the user's own, named on the command line as `module:Class`: for servos of another make.
 
-The class is called with the robot and the clock of the run, and makes a `hardware.bus.ServoBus`. Gate, guard and the
-checks of freshness stand above it as above every bus. The module is looked for in the current folder first, then among
-the installed ones; naming it runs its code, as `python my_bus.py` would.
+The class is called with the robot and the clock of the run, and returns a `hardware.bus.ServoBus`. Gate and guard are
+above it as above every bus. The module is searched in the current folder first; its code runs, as `python my_bus.py`
+would.
 """
 
 import importlib
@@ -24,7 +24,7 @@ from retarget.model.robot import RobotBody
 
 _NAMED = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 METHODS = ("open", "read", "write", "torque", "close")
-"""The methods that a bus needs. Without `limit_drive` its servos keep their full drive in a fall."""
+"""Required methods. Without `limit_drive` servos keep their full drive in a fall."""
 KINDS = {
     "position": "iu",
     "velocity": "f",
@@ -37,16 +37,16 @@ KINDS = {
     "valid": "b",
     "driven": "b",
 }
-"""Arrays of the servo states, (n,), and the kinds of number (NumPy's letters) that they may hold."""
+"""Arrays (n,) of the servo states, and their NumPy kinds."""
 
 
 def is_own(name: str) -> bool:
-    """Whether the name of a bus means a class of the user's; a path of a port has a slash."""
+    """True if a bus is named as a class; the path of a port has a slash."""
     return ":" in name and "/" not in name
 
 
 def own_bus_class(name: str) -> Callable[[RobotBody, Clock], ServoBus]:
-    """The class `module:Class`. Raises UsageError: not such a name, no such module or class, not a bus."""
+    """The class `module:Class`. Raises UsageError."""
 
     def refused(what: str, allowed: str, step: str = "") -> UsageError:
         return UsageError(what, where="--bus", found=repr(name[:80]), allowed=allowed, next_step=step)
@@ -84,7 +84,7 @@ def _missing(found: type) -> str:
 
 @contextmanager
 def _current_folder_first() -> Iterator[None]:
-    """The current folder is searched first here, and last afterwards: no file in it hides a module from others."""
+    """Search the current folder first here, and last afterwards, so that no file in it hides a module from others."""
     folder = str(Path.cwd())
     sys.path.insert(0, folder)
     try:
@@ -96,7 +96,7 @@ def _current_folder_first() -> Iterator[None]:
 
 
 def _text(error: BaseException) -> str:
-    """An exception of the user's code: its kind, its text, and the line of that code from which it came."""
+    """An exception of the user's code: kind, text and line."""
     at = traceback.extract_tb(error.__traceback__)[-1]
     place = (
         "" if at.filename == __file__ or isinstance(error, SyntaxError) else f" ({Path(at.filename).name}:{at.lineno})"
@@ -105,11 +105,10 @@ def _text(error: BaseException) -> str:
 
 
 class OwnBus:
-    """A `ServoBus` that passes on to one of the user's, and lets nothing through that a run cannot take: an exception
-    becomes a BusError that names the method, and so do states that are not of the robot's n servos."""
+    """Checks a user's `ServoBus`: exceptions and wrong states become a BusError that names the method."""
 
     def __init__(self, name: str, robot: RobotBody, clock: Clock) -> None:
-        """Raises UsageError for a class that cannot be used (see `own_bus_class`), or that is not made of these two."""
+        """Raises UsageError for a class that cannot be used, or cannot be made."""
         self._name, self._servos = name, len(robot.joint_map)
         make = own_bus_class(name)
         try:

@@ -1,8 +1,7 @@
-"""A live source of your own: a function that is polled for the newest poses, in place of a socket.
+"""A live source of the user's own: a function that returns new poses, in place of a socket.
 
-Its frames go through the same steps as those of every stream: admission, clock, sensor validity, playout, calibration
-and holds. They are encoded as poses in JSON (docs/live.md), so that a tap can record them and `replay://` can
-play them again.
+Its frames take the same steps as those of every stream. They are encoded as poses in JSON (docs/live.md), so that a tap
+can record them for `replay://`.
 """
 
 import json
@@ -24,19 +23,18 @@ from retarget.sources.streams.stream_frame import Dropped, StreamFrame
 from retarget.types import Notify
 
 Read = Callable[[float], Sequence[StreamFrame] | None]
-"""From now, s of the run's clock, to the frames that came since the last poll, oldest first; None: it is over."""
-HERE = ("127.0.0.1", 0)
-"""The sender that admission sees: this program."""
+"""From now, s on the run's clock, to the frames since the last poll, oldest first; None ends the source."""
+HERE = ("127.0.0.1", 0)  # the sender that admission sees
 MOST_WAITING = 1024
-"""Frames that may wait, as datagrams wait in the kernel; further ones are dropped, and counted."""
+"""Frames in the queue; further ones are dropped and counted, as datagrams in the kernel are."""
 
 
 class OwnSource:
     """A `retarget.live.admission.Receiver` that polls a function.
 
-    `read` is called in the thread of the ticks, before each of them (and every 10 ms while the performer is measured).
-    It must not wait: read a tracker that blocks in a thread of its own, which fills a `queue.SimpleQueue`. An exception
-    of `read` ends the run; a robot that moves brakes first.
+    `read` is called in the thread of the ticks, before each of them, and every 10 ms during calibration. It must not
+    block: a tracker that does needs a thread that fills a `queue.SimpleQueue`. An exception of `read` stops the robot
+    and ends the run.
     """
 
     def __init__(self, read: Read) -> None:
@@ -47,11 +45,11 @@ class OwnSource:
 
     @property
     def finished(self) -> bool:
-        """Whether the source is over, and all of its frames are taken."""
+        """True if the source is over, and all of its frames are taken."""
         return self._read is None and not self._waiting
 
     def poll(self, now: float) -> list[Datagram]:
-        """The frames until `now`, s, as datagrams. Never blocks; raises what the function raises."""
+        """The frames until `now`, s, as datagrams. Raises the exceptions of the function."""
         for frame in self._read_once(now):
             if len(self._waiting) < MOST_WAITING:
                 self._waiting.append(Datagram(now, HERE, written(frame)))
@@ -60,7 +58,7 @@ class OwnSource:
         return [self._waiting.popleft() for _ in range(min(len(self._waiting), MOST_PER_POLL))]
 
     def _read_once(self, now: float) -> Sequence[StreamFrame]:
-        """The frames of the function, called once for each `now` however often the source is polled."""
+        """The frames of the function, which is called once for each `now`."""
         if self._read is None or now <= self._last:
             return ()
         self._last = now
@@ -83,11 +81,10 @@ def performing(
     notify: Notify = lambda text: None,
     tap: RawTap | None = None,
 ) -> Perform:
-    """A performance by a source of your own, for `retarget.run.prepare.prepare_for`.
+    """A performance by a source of the user's own, for `prepare_for`.
 
-    clock: that of the run, whose time `read` is given. notify: receives instructions to the performer, and changes.
-    tap: records what came. The result raises InputError where there are no data, sensors are missing, or the performer
-    does not stand still; UsageError for a performer who cannot be measured.
+    notify: receives instructions to the performer. tap: records the frames. The result raises InputError without data
+    or sensors, or if the performer moves; UsageError if the performer cannot be measured.
     """
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
@@ -101,7 +98,7 @@ def performing(
 
 
 def written(frame: StreamFrame) -> bytes:
-    """A frame as a datagram of `retarget.sources.streams.json_pose`; what is NaN is left out."""
+    """A frame as a datagram of `retarget.sources.streams.json_pose`; NaN is left out."""
     poses: dict[str, dict[str, Any]] = {}
     rows = zip(frame.names, frame.position.tolist(), frame.orientation.tolist(), frame.tracked.tolist(), strict=True)
     for name, position, orientation, tracked in rows:

@@ -1,7 +1,5 @@
-"""Performers without a stream: of a recording in which sensors jump, and of samples that a caller gives one by one.
-
-Both hold the robot as a live performer does while a sensor has jumped.
-"""
+"""Performers without a stream: recordings in which sensors jump, and samples from a caller. Jumps hold the robot, as
+those of a live performer do."""
 
 from dataclasses import replace
 from itertools import compress
@@ -19,21 +17,17 @@ from retarget.types import BoolArray
 
 
 def _jumped_words(names: tuple[str, ...], jumped: BoolArray) -> str:
-    """Name those of k sensors that have jumped, in a few words; "" for none."""
     return lost_words(dict.fromkeys(compress(names, jumped.tolist()), ValidityState.JUMPED))
 
 
 class RecordedPerformer:
-    """`retarget.human.samples.Samples` of a clip in which sensors have jumped. The clip goes on while the robot holds.
-
-    ticks, kept, dt, motion_dt: as of the clip.
-    """
+    """`retarget.human.samples.Samples` of a clip in which sensors jump. The clip goes on while the robot holds."""
 
     paused: ClassVar[bool] = False
     over: ClassVar[bool] = False
 
     def __init__(self, clip: Clip) -> None:
-        """clip: one `with_jumps`; one in which nothing jumps is a performer itself."""
+        """clip: one `with_jumps`."""
         self._clip = clip
         self.ticks, self.kept, self.dt, self.motion_dt = clip.ticks, clip.kept, clip.dt, clip.motion_dt
         self._engagement = Engagement(clip.sample(0), following=True)
@@ -45,14 +39,14 @@ class RecordedPerformer:
         return self._words or TOO_SHORT
 
     def may_approach(self) -> bool:
-        """Always: the clip waits."""
+        """True: the clip waits."""
         return True
 
     def poll(self) -> None:
         """Do nothing: all samples are there."""
 
     def hold(self) -> None:
-        """The robot holds: it waits for good data."""
+        """Hold until the data are good."""
         self._engagement.hold()
 
     def sample(self, tick: int) -> SensorSample | None:
@@ -68,21 +62,19 @@ class RecordedPerformer:
 
 
 REPEATED_S = 0.1
-"""A sample that repeats the one before to the bit is the same capture for so long, s: a caller's loop may be faster
-than the tracker, and repeats the newest sample until it is as old as this."""
+"""[s] A repeated sample is the same capture for this long: a caller's loop may be faster than the tracker."""
 
 
 class SteppedPerformer:
-    """A performer whose samples come one by one: in each tick `take`, then as `retarget.human.samples.Performing`.
+    """A `retarget.human.samples.Performing` whose samples come by `take` in each tick.
 
-    paused: a hold has no limit in time, since the caller ends it. seen: the sample of this tick, smoothed, without what
-    jumps; None: no valid one.
+    paused: the caller ends a hold. seen: the smoothed sample of this tick without jumps, if valid.
     """
 
     paused: ClassVar[bool] = True
 
     def __init__(self, first: SensorSample, smooth: PoseFilter | None = None) -> None:
-        """first: the sample that the robot approaches. smooth: the filter of all samples after it."""
+        """first: the sample that the robot approaches. smooth: filter of the later ones."""
         self._first, self._engagement = first, Engagement(first)
         self._approaching = Debounce(good=True)
         self._jumps, self._smooth = JumpDetection(first.names), smooth
@@ -95,7 +87,7 @@ class SteppedPerformer:
         self.seen: SensorSample | None = first
 
     def take(self, now: float, sample: SensorSample | None, *, lost: str = "no sample") -> None:
-        """Take the sample of the tick at `now`, s; None: there is no valid one. lost: then says what is missing."""
+        """Take the sample of the tick at `now`, s, if there is a valid one. lost: describes what is missing."""
         self._now, self._lost = now, lost
         if sample is not None and (now - self._changed > REPEATED_S or not _is_repeated(self._given, sample)):
             self._judged, self._changed = self._jumps.step(now, sample), now
@@ -103,7 +95,7 @@ class SteppedPerformer:
         self.seen = self._smoothed(None if sample is None else self._judged)
 
     def _smoothed(self, sample: SensorSample | None) -> SensorSample | None:
-        """The sample of now as the filter has it; a sensor that comes back is taken as it is."""
+        """The filtered sample; a sensor that comes back restarts its filter."""
         if self._smooth is None:
             return sample
         valid = np.zeros(len(self._first.names), dtype=bool) if sample is None else sample.valid
@@ -127,11 +119,11 @@ class SteppedPerformer:
         return self._approaching.step(self._now, good=self._followable is not None)
 
     def hold(self) -> None:
-        """The robot holds: it waits for samples."""
+        """Hold until samples come."""
         self._engagement.hold()
 
     def sample(self, tick: int) -> SensorSample | None:
-        """The sample to follow; None: hold. It goes from the one approached, of tick 0, to that of the caller."""
+        """The sample to follow; None: hold. It blends from the approached one, of tick 0, to those of the caller."""
         if tick == 0:
             self._engagement.hold()
             return self._first
@@ -147,7 +139,7 @@ class SteppedPerformer:
 
 
 def _is_repeated(before: SensorSample | None, sample: SensorSample) -> bool:
-    """True if a sample is the one before, to the bit."""
+    """True if a sample equals the one before to the bit."""
     return before is not None and all(
         np.array_equal(one, other, equal_nan=True)
         for one, other in (

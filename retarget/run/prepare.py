@@ -1,4 +1,4 @@
-"""Load and check everything a run needs; what cannot run is refused before anything moves or is written."""
+"""Load and check a run; errors are raised before anything moves or is written."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
@@ -11,7 +11,6 @@ import numpy as np
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
 from hardware.guard import Guard
-from hardware.guard_state import GuardLimits
 from hardware.servo import loop_lag
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
@@ -32,7 +31,7 @@ from retarget.robot.reach_map import map_path
 from retarget.robot.walking.gait import gait_of, with_steps
 from retarget.robot.walking.travel import WalkTally
 from retarget.robot.walking.walking_goals import WalkingGoals
-from retarget.run.loop import Ending, Inputs, Loop, Observer, Operator, run_human
+from retarget.run.loop import Ending, Inputs, Loop, Operator, RunObserver, run_human
 from retarget.run.options import RunOptions, name_with_mass, priority_names
 from retarget.run.performers import RecordedPerformer
 from retarget.run.rest_trajectory import EndPlan, plan_end
@@ -53,7 +52,7 @@ from retarget.types import News, Notify
 
 
 def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, options: RunOptions, *, dt: float) -> Gate:
-    """The gate of a robot in ticks of `dt` s, as the options ask for it."""
+    """The gate of a robot in ticks of `dt` s, by the options."""
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
     standing = StandingCheck(robot, follower.stance, dt=dt)
     if not options.gate:
@@ -73,8 +72,8 @@ def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, opti
 def robot_stage(
     robot: RobotBody, priorities: Priorities, human: Human, options: RunOptions, scene: SceneState | None, *, dt: float
 ) -> tuple[Follower, Gate]:
-    """The robot's follower, and its gate as `make_gate` makes it. Raises UsageError where the robot touches the scene,
-    ConfigError where the priorities name what it does not have."""
+    """The follower and the gate. Raises UsageError if the robot touches the scene, ConfigError for unknown names of the
+    priorities."""
     with naming_file(priority_names(robot, options)[-1], robot=robot.profile.name):
         follower = Follower(
             robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations, scene=scene
@@ -98,7 +97,7 @@ def robot_part(
     goes_to_rest: bool | None = None,
     end_plan: EndPlan | None = None,
 ) -> tuple[Follower, Gate, EndPlan]:
-    """Everything of a run but performer and bus: the robot's stage, and how it ends, see `prepare_for`."""
+    """The robot's stage, and the end of the run; see `prepare_for`."""
     follower, gate = robot_stage(robot, priorities, human, options, scene, dt=dt)
     if end_plan is None and not robot.floats and (options.has_mass if goes_to_rest is None else goes_to_rest):
         tried = make_gate(robot, follower, priorities, options, dt=dt)
@@ -110,21 +109,21 @@ MakeBus = Callable[[RobotBody, Clock], ServoBus]
 """From a robot to its bus."""
 
 Perform = Callable[[Performer, RobotBody | None], Performance]
-"""From the performer and the robot (None: the human alone) to the performance."""
+"""From the performer and the robot, if any, to the performance."""
 
 
 def _ignore(text: str) -> None:
     """Drop the message."""
 
 
-def _say(notes: Iterable[str], notify: Notify) -> None:
+def _notify_all(notes: Iterable[str], notify: Notify) -> None:
     for note in notes:
         notify(News(f"note: {note}"))
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A run that can start. clock: of the run."""
+    """A run that can start."""
 
     samples: Samples
     human: Human
@@ -143,25 +142,23 @@ class Prepared:
     parts: Parts = "whole"
 
     def loop(
-        self, operator: Operator | None = None, observers: Sequence[Observer] = (), inputs: Inputs | None = None
+        self, operator: Operator | None = None, observers: Sequence[RunObserver] = (), inputs: Inputs | None = None
     ) -> Loop:
-        """The loop of a run of the robot, as `Loop` says. Raises RetargetError where the posture to approach is not
-        known."""
+        """The loop of a run. Raises RetargetError if the posture to approach is not finite."""
         assert self.machine is not None, "a human alone has no loop of a robot"
         return Loop(self.machine, self.samples, self.reconstructor, operator or Operator(), observers, inputs)
 
     def run(
-        self, operator: Operator | None = None, observers: Sequence[Observer] = (), inputs: Inputs | None = None
+        self, operator: Operator | None = None, observers: Sequence[RunObserver] = (), inputs: Inputs | None = None
     ) -> RunResult:
-        """Run it. inputs: of the ticks of a robot, see `Loop`. Raises GuardError or BusError when the robot cannot be
-        armed."""
+        """Run it; see `Loop`. Raises GuardError or BusError if the robot cannot be armed."""
         if self.machine is None:
             operator = operator or Operator()
             return self.result(run_human(self.samples, self.reconstructor, operator, self.clock, observers))
         return self.result(self.loop(operator, observers, inputs).run())
 
     def result(self, ending: Ending) -> RunResult:
-        """The run, with all that metrics, pictures and files need."""
+        """The run, for metrics, pictures and files."""
         machine, strategies = self.machine, None
         if machine is not None and machine.follower.strategies is not None:
             strategies = {one.value: seconds for one, seconds in machine.follower.strategies.seconds.items()}
@@ -195,7 +192,7 @@ class Prepared:
         )
 
     def _capped(self) -> tuple[str, ...]:
-        """A note about linear solves of both stages that were ended early."""
+        """A note about capped linear solves."""
         capped = self.reconstructor.hierarchy.solver.capped
         if self.machine is not None:
             capped += self.machine.follower.hierarchy.solver.capped
@@ -251,22 +248,23 @@ def prepare_for(
     has_deadlines: bool | None = None,
     supervisor: Supervisor | None = None,
 ) -> Iterator[Prepared]:
-    """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
+    """Load and check a run, small files first; the bus is open within the context.
 
-    goes_to_rest: a run, and a stop, ends at rest, or standing (see `plan_end`); else where the robot has braked; None:
-    at rest where it has mass. end_plan: of a run that was planned already. notify: receives notes, each as soon as it
-    is known, and warnings about servos. robot: replaces the one that the options name. has_deadlines: whether a late
-    tick stops the robot; None: where the bus is real, for simulated servos wait for a slow host. supervisor: of a run
-    whose performer is waited for and measured first; None: a new one.
-    Raises RetargetError for what cannot be used.
+    goes_to_rest: end at rest or standing (see `plan_end`), else braked; None: if the robot has mass. end_plan: given.
+    robot: replaces that of the options. has_deadlines: a late tick stops the robot; None: on a real bus, as simulated
+    servos wait for a slow host. supervisor: of a performer who was measured first. Raises RetargetError.
     """
-    performer, robot = load_performer(options.performer_name), _robot_of(options, robot)
+    performer = load_performer(options.performer_name)
+    if robot is None and not options.is_human:
+        robot = load_robot(options.robot, root=options.root)
+    if robot is not None and options.max_force is not None:
+        robot = with_max_force(robot, options.max_force)
     for_human, for_robot, on_priorities = stage_priorities(robot, options)
     scene = scene_of(robot, options)
     of_robot = () if robot is None else (*robot.body.notes, *on_priorities)
-    _say(of_robot, notify)  # before a performer gets into the pose
+    _notify_all(of_robot, notify)  # before a performer gets into the pose
     human = _human(perform(performer, robot), performer, for_human, options, clock, scene if robot is None else None)
-    _say(human.notes, notify)
+    _notify_all(human.notes, notify)
     if robot is None or for_robot is None:
         yield human
         return
@@ -276,12 +274,15 @@ def prepare_for(
         robot, for_robot, human.human, options, scene, dt=dt, goes_to_rest=goes_to_rest, end_plan=end_plan
     )
     of_follower = tuple(filter(None, (follower.note,)))
-    _say(of_follower, notify)
+    _notify_all(of_follower, notify)
     real = not options.simulated
     watch = TipWatch(robot, dt=dt) if robot.stands and robot.profile.imu is not None else None
-    if real and end_plan.why:  # it must be said: at the end somebody has to be there
+    if real and end_plan.why:  # the operator has to be there at the end
         notify(f"note: at the end it stands, with torque, until you hold it and switch torque off: {end_plan.why}")
-    limits = _limits(robot, has_deadlines=real if has_deadlines is None else has_deadlines)
+    lag = tuple(loop_lag(servo) for servo in robot.joint_map.servos)
+    limits = replace(robot.profile.safety.guard_limits(), lag=lag, limbs=limbs_of(robot))
+    has_deadlines = real if has_deadlines is None else has_deadlines
+    limits = limits if has_deadlines else replace(limits, max_pause=inf)
     guard, supervisor = Guard(bus=bus, joint_map=robot.joint_map, limits=limits), supervisor or Supervisor()
     contact = contact_detector(robot, options, dt=dt)
     machine = Machine(
@@ -303,22 +304,15 @@ def prepare_for(
         yield prepared
 
 
-def _robot_of(options: RunOptions, robot: RobotBody | None) -> RobotBody | None:
-    """The robot of a run, None for a human alone, with the currents that the options allow. robot: given instead."""
-    if robot is None and not options.is_human:
-        robot = load_robot(options.robot, root=options.root)
-    return robot if robot is None or options.max_force is None else with_max_force(robot, options.max_force)
-
-
 def contact_detector(robot: RobotBody, options: RunOptions, *, dt: float) -> ContactDetector | None:
-    """What notices presses; None: nothing is to, or the robot has no mass, and no torque is needed."""
+    """The contact detector of a robot with mass, unless its profile switches it off."""
     felt = options.has_mass and robot.profile.safety.holds_when_pressed
     return ContactDetector(robot, dt=dt) if felt else None
 
 
 @contextmanager
 def _open(bus: ServoBus, guard: Guard) -> Iterator[None]:
-    """The bus is open while the context lasts."""
+    """Open the bus within the context."""
     bus.open()
     failed = True
     try:
@@ -338,7 +332,7 @@ def _human(
     clock: Clock,
     scene: SceneState | None,
 ) -> Prepared:
-    """The human's stage alone. scene: of a run without a robot."""
+    """The human stage alone. scene: of a run without a robot."""
     samples, human = performance.samples, build_human(performance.dimensions)
     reconstruct = partial(Reconstructor, human, priorities, performer, iterations=options.iterations, scene=scene)
     reconstructor = reconstruct(intake=performance.intake)
@@ -350,7 +344,7 @@ def _human(
             allowed="a priority file with observers: {human: lines, lines_and_head or capsules}",
         )
     if scene is not None and not options.allow_contact:
-        # By a reconstructor of its own, so that the check does not change the run.
+        # A reconstructor of its own keeps the check from changing the run.
         _refuse_inside_obstacle(reconstruct(), scene, samples, human)
     return Prepared(
         samples=samples,
@@ -370,7 +364,7 @@ def _human(
 
 
 def scene_of(robot: RobotBody | None, options: RunOptions) -> SceneState | None:
-    """The scene that the options name, with a floor under a robot with feet."""
+    """The scene of the options, with a floor under a robot with feet."""
     scene = None if options.scene is None else load_scene(options.scene)
     if robot is not None and robot.on_floor:
         scene = on_floor(scene)
@@ -404,7 +398,7 @@ def stage_priorities(
 
 
 def _load_priorities(name: str, named_by: str) -> Priorities:
-    """The priority file; of an unknown name the message says what names it."""
+    """The priority file; the error for an unknown name adds the key that names it."""
     try:
         return load_priorities(name)
     except UsageError as error:
@@ -413,7 +407,7 @@ def _load_priorities(name: str, named_by: str) -> Priorities:
 
 
 def _refuse_inside_obstacle(reconstructor: Reconstructor, scene: SceneState, samples: Samples, human: Human) -> None:
-    """Raise UsageError where the human cannot get clear of an obstacle in its first posture."""
+    """Raise UsageError if the human's first posture touches an obstacle."""
     sample = samples.sample(0)
     assert sample is not None and reconstructor.observers is not None, "the first sample is valid"
     start = reconstructor.start(sample).q
@@ -422,18 +416,11 @@ def _refuse_inside_obstacle(reconstructor: Reconstructor, scene: SceneState, sam
 
 
 def limbs_of(robot: RobotBody) -> tuple[bool, ...]:
-    """Mask, in servo order, of the servos that move arms or head alone, so that the robot stands without them. None
-    where the robot does not stand: without torque it does not fall. A coupled servo belongs to both joints."""
+    """Mask, servo order, of servos of arms or head alone, without which the robot stands; empty if it does not stand. A
+    coupled servo belongs to both joints."""
     if not robot.stands:
         return ()
     carrying = standing_dofs(robot, TRUNK)
     servos = robot.joint_map.servos
     moved = [(servo.joint,) if servo.coupling is None else servo.coupling.joints for servo in servos]
     return tuple(not any(carrying[robot.body.dof_index(joint)] for joint in joints) for joints in moved)
-
-
-def _limits(robot: RobotBody, *, has_deadlines: bool) -> GuardLimits:
-    """The limits of the guard, from the profile and the lags of its servos."""
-    lag = tuple(loop_lag(servo) for servo in robot.joint_map.servos)
-    limits = replace(robot.profile.safety.guard_limits(), lag=lag, limbs=limbs_of(robot))
-    return limits if has_deadlines else replace(limits, max_pause=inf)

@@ -22,10 +22,9 @@ class Phase(IntEnum):
     """The purpose of a tick. A run goes through them in this order."""
 
     APPROACH = 0
-    """A slow move to the posture in which following begins."""
     FOLLOW = 1
     BRAKE = 2
-    """Braking, after the end of the clip or after a stop, and what follows: return to stance, rest."""
+    """Also return to stance, and rest."""
 
 
 PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
@@ -39,10 +38,10 @@ KEPT = (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Record(RunTable):
-    """A run, a row for every tick that was sent. human_joint_names, landmark_names: of what its arrays hold.
+    """A run, a row per sent tick.
 
-    start (n,) rad: where the robot stood before the first tick; empty when only the human was reconstructed, then every
-    tick follows. from_start, to_end: no tick is missing there.
+    start (n,): rad, before the first tick; empty for a human alone, whose ticks all follow. from_start, to_end: no tick
+    is missing there.
     """
 
     human_joint_names: tuple[str, ...]
@@ -53,30 +52,27 @@ class Record(RunTable):
 
     @property
     def robot(self) -> "Record | None":
-        """The record of a robot; None when only the human was reconstructed."""
+        """The record of a robot; None for a human alone."""
         return self if self.start.size else None
 
     @property
     def following(self) -> slice:
-        """The rows of the ticks that followed the clip, from its first on."""
+        """The rows from the first to the last tick that followed."""
         rows = np.flatnonzero(self.phase == Phase.FOLLOW)
         return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
 
     def missing(self) -> tuple[str, ...]:
-        """Notes about the parts of the run that are not in it."""
+        """Notes about missing parts of the run."""
         approach = () if self.from_start else ("the approach took long: its beginning is not recorded",)
         end = () if self.to_end else (f"what came after the first {self.time[-1]:.0f} s is not recorded",)
         return approach + end
 
 
-# Which row of the record each tick fills, where a run lasts longer than there is room for.
-
-
 class RecordRows:
-    """Rows for so many ticks of approach, of following and of braking, filled one after the other.
+    """Rows for ticks of approach, of following and of braking.
 
-    The kept rows have no gap, because rates, limits and missed ticks are measured between consecutive rows. Of an
-    approach that takes longer than its rows, the end is kept; of what comes after `close`, nothing.
+    Kept rows have no gap, since rates and missed ticks are measured between them. A too long approach keeps its end,
+    and nothing is kept after `close`.
     """
 
     def __init__(self, *, approach: int, follow: int, brake: int) -> None:
@@ -89,7 +85,7 @@ class RecordRows:
         self._end: int | None = None  # rows that are kept, once no more are
 
     def filled(self, *, approaches: bool) -> None:
-        """Go on after a tick has filled its row. approaches: the next tick is still one of the approach."""
+        """Go on to the next row. approaches: the next tick is still one of the approach."""
         if self._end is not None or self.row == self.room - 1:
             self.close()
             return
@@ -102,12 +98,12 @@ class RecordRows:
 
     @property
     def reused(self) -> bool:
-        """Whether the next tick may fill a row that was filled before."""
+        """True if the next row may have been filled before."""
         return self._laps > 0 or self._end is not None
 
     @property
     def closed(self) -> bool:
-        """Whether no more ticks are kept."""
+        """True if no more ticks are kept."""
         return self._end is not None
 
     def close(self) -> None:
@@ -116,7 +112,7 @@ class RecordRows:
             self._end, self.row = self.row, self.room - 1
 
     def of(self, record: Record) -> Record:
-        """The rows of the record that are kept, in the order of their ticks; it is changed in place."""
+        """The kept rows of the record, in order; it is changed in place."""
         end, first = self.row if self._end is None else self._end, 0
         if self._laps:
             oldest, first = self.row if self._oldest is None else self._oldest, 1
@@ -132,14 +128,12 @@ class RecordRows:
         return replace(record[first:end], from_start=self._laps == 0, to_end=self._end is None)
 
 
-CYCLE = 2
-"""Column of `cost` that holds the wall time of the tick."""
-LONGEST_APPROACH_S = 30.0
-"""An approach that takes up to this long is recorded whole; of a longer one the end is recorded."""
+CYCLE = 2  # column of `cost` with the wall time of the tick
+LONGEST_APPROACH_S = 30.0  # of a longer one the end is recorded
 
 
 class TickRecorder:
-    """Fills the rows of one run while it goes on: `begin` of a tick, what is kept of it, then `keep`."""
+    """Fills the rows of one run: `begin` of a tick, its parts, then `keep`."""
 
     def __init__(
         self,
@@ -151,7 +145,7 @@ class TickRecorder:
         posture: RobotPosture | None = None,
         stopping: float = 0.0,
     ) -> None:
-        """human, posture: the first ones. sensors: number of them. stopping: s that a stop may take."""
+        """human, posture: the first ones. sensors: their number. stopping: s that a stop may take."""
         approach = 0 if robot is None else round(LONGEST_APPROACH_S / samples.dt)
         self._rows = RecordRows(approach=approach, follow=samples.kept, brake=round(stopping / samples.dt))
         self._samples, self._robot = samples, robot
@@ -185,12 +179,12 @@ class TickRecorder:
                 times[self._rows.row] = np.nan
 
     def keep_times(self, times: Mapping[str, float]) -> None:
-        """Keep when stages of this tick were done, s on the run's clock, by names of STAGES."""
+        """Keep times of STAGES, s on the run's clock."""
         for stage, time in times.items():
             self._stages[stage][self._rows.row] = time
 
     def keep_human(self, human: HumanPosture, sample: SensorSample | None, *, error: bool) -> None:
-        """The human of this tick, and the sample; error: whether the balance error is one of following."""
+        """Keep the human and the sample. error: the balance error is one of following."""
         kept, row = self.record, self._rows.row
         kept.human_q[row], kept.human_joints[row] = human.q, human.joints
         kept.human_observer_modes[row] = human.observer_modes
@@ -198,7 +192,7 @@ class TickRecorder:
         kept.balance_error[row] = human.balance_error if error else np.nan
 
     def keep_costs(self, reconstruct: float, retarget: float) -> None:
-        """Thread CPU of both stages, s."""
+        """Keep the thread CPU of both stages, s."""
         cost, row = self.record.cost, self._rows.row
         cost[row, 0], cost[row, 1] = reconstruct, retarget
 
@@ -208,18 +202,17 @@ class TickRecorder:
         q: FloatArray,
         goal: CheckedGoal,
         *,
-        asked: bool,
+        commanded: bool,
         gated: bool,
         followed: RobotPosture | None,
         unexplained: FloatArray | None = None,
     ) -> None:
-        """Keep what was sent: posture q (nq,), m, wxyz and rad, and goal. asked: whether there was a target, or
-        the robot was to stop; gated: whether the gate refused what was asked; followed: for the performer.
+        """Keep posture q (nq,), m, wxyz and rad, and goal. commanded: there was a target, or the robot was to stop.
         unexplained (n,): N m, of the contact detector."""
         record, robot, row, states = self.record, self._robot, self._rows.row, guard.states
         assert robot is not None and states is not None and guard.sent is not None, "a goal was written"
         record.q[row], record.goals[row], record.goal_ticks[row] = q, goal.joints, guard.sent
-        record.gated[row], record.no_command[row] = gated, not asked
+        record.gated[row], record.no_command[row] = gated, not commanded
         record.landmarks_asked[row] = np.nan if followed is None else followed.landmarks_asked
         if followed is not None:
             record.observer_modes[row] = followed.observer_modes
@@ -233,7 +226,7 @@ class TickRecorder:
         keep_imu(record, row, states.imu)
 
     def keep(self, phase: Phase, look: Callable[[Record, int], object], *, approaches: bool = False) -> None:
-        """The tick is over. look: receives the record and the row. approaches: the next tick is still of the
+        """End the tick. look: receives the record and the row. approaches: the next tick is still one of the
         approach."""
         record, row = self.record, self._rows.row
         record.phase[row] = phase
@@ -251,7 +244,7 @@ class TickRecorder:
         self._rows.close()
 
     def finish(self) -> tuple[Record, float]:
-        """The record of the run, and the wall time of the following that is in it, s."""
+        """The record, and the wall time of its following, s."""
         record = self._rows.of(self.record)
         followed = record.following
         begins = followed.start if followed.stop else np.count_nonzero(record.phase == Phase.APPROACH)

@@ -1,7 +1,5 @@
-"""The end of a run, planned before it begins.
-
-The way to rest is tried from the stance, by the controller that will move the robot and the gate that will check it.
-"""
+"""The end of a run, planned before it begins. The move to rest is tried from the stance, with the controller and the
+kind of gate of the run."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,14 +25,13 @@ from retarget.schema.scene import FLOOR, on_floor
 from retarget.types import MM, FloatArray
 
 LONGEST_S = 30.0
-"""Most time, s, that a trajectory is played: three keyframes at the slowest speed cap take less."""
+"""[s] Longest trial: three keyframes at the slowest speed cap take less."""
 
 
 @dataclass(frozen=True)
 class RestTrajectory:
-    """A way to rest, tried from the stance. keyframes: names of postures, the last is `rest`. refused: why it is not
-    taken to its end, in words; "" where it is. margin: least distance, m, of the centre of mass to the edge
-    of the soles, from inside."""
+    """A tried move to rest. keyframes: postures, the last is `rest`. refused: the reason, or "". margin: least
+    distance, m, of the centre of mass inside the soles."""
 
     keyframes: tuple[str, ...]
     refused: str
@@ -42,7 +39,7 @@ class RestTrajectory:
 
     @property
     def is_safe(self) -> bool:
-        """True if the gate lets it pass and the robot does not tip on it."""
+        """True if it passes the gate, and the robot does not tip."""
         return not self.refused and self.margin > 0.0
 
     def __str__(self) -> str:
@@ -57,7 +54,7 @@ class RestTrajectory:
 
 @dataclass(frozen=True)
 class EndPlan:
-    """The planned end of a run. keyframes: of its way to rest. why: it ends standing, in words."""
+    """The planned end of a run. why: it ends standing."""
 
     end: End = End.BRAKED
     keyframes: tuple[str, ...] = ("rest",)
@@ -65,19 +62,17 @@ class EndPlan:
 
 
 UNKNOWN = "its profile does not say that it stays_at_rest"
-ASKED_TO_STAND = "as --stand-at-end asks"
+STANDS_BY_OPTION = "as --stand-at-end asks"
 
 
 def plan_end(robot: RobotBody, stance: Stance, gate: Gate, options: RunOptions, *, dt: float) -> EndPlan:
-    """Decide how a run of a robot in its stance ends. gate: of this purpose alone; dt: s per tick.
-
-    Raises UsageError where no way to rest is safe, and the options do not say that it may end standing.
-    """
+    """The end of a run of a robot in its stance. gate: for this purpose alone. Raises UsageError if no move to rest is
+    safe, and no option allows to end standing."""
     postures = robot.profile.postures
     if not robot.stands:
         return EndPlan(End.AT_REST, postures.to_rest)
     if options.stand_at_end:
-        return EndPlan(End.STANDING, why=ASKED_TO_STAND)
+        return EndPlan(End.STANDING, why=STANDS_BY_OPTION)
     if not (postures.stays_at_rest or options.torque_off_at_end):
         return EndPlan(End.STANDING, why=UNKNOWN)
     first: RestTrajectory | None = None
@@ -95,7 +90,7 @@ def plan_end(robot: RobotBody, stance: Stance, gate: Gate, options: RunOptions, 
 
 
 def usual_rest_trajectory(robot: RobotBody) -> RestTrajectory | None:
-    """The way to rest of the profile, tried with nothing around the robot; None for one without planted soles."""
+    """The profile's move to rest, tried without a scene; None without planted soles."""
     if not robot.stands:
         return None
     dt, stance = 1.0 / robot.profile.safety.rate_hz, plant(robot, robot.profile.postures.stand)
@@ -105,8 +100,7 @@ def usual_rest_trajectory(robot: RobotBody) -> RestTrajectory | None:
 
 
 def rest_trajectories(robot: RobotBody, stance: Stance, gate: Gate, *, dt: float) -> Iterator[RestTrajectory]:
-    """Try the ways to rest of a robot that stands in its stance: that of its profile, then those by other postures of
-    the profile, the shortest first. gate: of this purpose alone; dt: s per tick."""
+    """Try moves to rest from the stance: the profile's, then by other postures, the shortest first."""
     usual = robot.profile.postures.to_rest
     others = [(*by, "rest") for count in (1, 2) for by in permutations(("attractor", "neutral", "stand"), count)]
     for keyframes in dict.fromkeys([usual, ("rest",), *others]):
@@ -137,14 +131,14 @@ def _played(robot: RobotBody, stance: Stance, gate: Gate, keyframes: tuple[str, 
 
 
 def _margin(robot: RobotBody, stance: Stance, postures: FloatArray) -> float:
-    """Least distance, m, of the centre of mass to the edge of the soles in postures (T, nq), from inside."""
+    """Least distance, m, of the centre of mass inside the soles in postures (T, nq)."""
     edges = stance.edges(0.0)
     return min(float(support_distance(com, edges)) for com in robot.kinematics.centre_of_mass(postures))
 
 
 def at_rest(robot: RobotBody) -> str:
-    """Describe a robot on its soles in its posture `rest`, in words: its balance, its lowest part without a sole, and
-    what to do where it may topple; "" for another robot."""
+    """Describe posture `rest` of a robot on its soles: balance, lowest part, and advice if it may topple; "" without
+    soles."""
     if not robot.stands:
         return ""
     stance = plant(robot, robot.profile.postures.rest)

@@ -1,4 +1,4 @@
-"""A finished run, which metrics, pictures and files read; and what is shown of a run while it goes on."""
+"""A finished run, for metrics, pictures and files, and the extras of a snapshot while it goes on."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,12 +23,10 @@ from retarget.schema.performer import Performer
 from retarget.schema.priorities import Priorities
 from retarget.types import FloatArray
 
-# What only a simulation knows of a run: falls, pressure, slip, torque, heat.
-
 
 @dataclass(frozen=True)
 class Fallen:
-    """A fall. time: s, on the run's time. how: in words, and whether that was without torque."""
+    """A fall. time: s, on the run's time. how: in words, with or without torque."""
 
     time: float
     how: str
@@ -36,15 +34,13 @@ class Fallen:
 
 @dataclass(frozen=True, eq=False)
 class PhysicsRun:
-    """A run of n servos and k soles, sampled T times from the first torque on.
+    """A simulated run of n servos and k soles, in T samples from the first torque on.
 
-    mount: what the robot was on. seed, perturbations: of what was perturbed on purpose. fall: the first, None while it
-    stands; toppled: the fall of a robot at rest after its torque went off, None if it stayed. time (T,) s, on the run's
-    time. body (T, 7 + j): its root, m and wxyz, and its joints, rad or m, as `truth_names` lists them. com (T, 3),
-    pressure (T, 2): centre of mass and centre of pressure of the soles, m, world, the latter NaN where no sole carried;
-    margin (T,): of it inside the hull of the soles that carried, m. slip (k,) m: horizontal path of each sole while it
-    carried. tilt: worst of a sole that carried, rad. torque (T, n) N m; hottest (n,) degrees Celsius, by a stated model
-    that is not calibrated. contacts: samples in which the body touched itself, and in which it touched a fixture.
+    fall: the first. toppled: of a robot at rest without torque. time (T,): s, on the run's time. body (T, 7 + j): root,
+    m and wxyz, and joints, rad or m, see `truth_names`. com (T, 3): m. pressure (T, 2): centre of pressure, m, NaN in
+    the air; margin (T,): m, inside the hull of the carrying soles. slip (k,): m, horizontal path of each carrying sole.
+    tilt: the worst of a carrying sole, rad. torque (T, n): N m. hottest (n,): degrees Celsius, by a model that is not
+    calibrated. contacts: samples in contact with itself, and with a fixture.
     """
 
     mount: str
@@ -65,7 +61,7 @@ class PhysicsRun:
 
     @property
     def least_margin(self) -> float | None:
-        """Least margin of the centre of pressure until a fall, m; None where no sole carried."""
+        """Least margin of the centre of pressure until a fall, m; None if no sole carried."""
         standing = np.isfinite(self.margin) & (self.time <= (np.inf if self.fall is None else self.fall.time))
         known = self.margin[standing]
         return float(known.min()) if known.size else None
@@ -73,8 +69,7 @@ class PhysicsRun:
 
 @dataclass(frozen=True)
 class RefusedPair:
-    """The two links, or the link and the obstacle, for which the gate refused goals in most ticks. ticks: how many;
-    obstacle: the second is one."""
+    """The links, or link and obstacle, for which the gate refused goals in most ticks."""
 
     first: str
     second: str
@@ -83,15 +78,12 @@ class RefusedPair:
 
 
 CAPPED = "linear solves took too many steps and were ended: they keep all limits, and follow less"
-"""Ends a note of a run that counts them: nobody who runs a robot can act on it."""
+"""Text of a note, after their number."""
 
 
 @dataclass(frozen=True)
 class RunTally:
-    """What its machine saw in a run. walk: None for a robot that makes no steps; refused_pair: None where the gate
-    refused no goal for one; presses: None where the robot pressed against nothing. standing: why it stood at the end,
-    "" where it did not. strategies: s, by name, that hands were reached for by each; None of a robot that chooses
-    none."""
+    """The findings of a run's machine. standing: why it stood at the end, or "". strategies: s of each, by name."""
 
     walk: WalkTally | None = None
     refused_pair: RefusedPair | None = None
@@ -102,8 +94,7 @@ class RunTally:
 
 @dataclass(frozen=True, eq=False)
 class RunSetup:
-    """What a run was made of. priorities: of the stages. has_bus: servos answered. real_time: ticks could be late; on
-    virtual time none is. parts: of the robot that follow."""
+    """The setup of a run. priorities: of the stages. has_bus: servos answered. real_time: ticks could be late."""
 
     performer: Performer
     priorities: tuple[Priorities, ...]
@@ -114,12 +105,10 @@ class RunSetup:
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """A run. Everything per tick has the rows of `record`.
+    """A run. Arrays per tick have the rows of `record`.
 
-    robot: None where only the human was reconstructed. state, reason: how the run ended (see `StopReport`). wall_s: of
-    the loop. stop: the guard's, None without one. scene: of the
-    last stage's body; observers: of that body. physics: what a simulation measured, None without one. live: the report
-    of a stream, None for a file.
+    robot: None for a human alone. state, reason: see `StopReport`. wall_s: of the loop. scene, observers: of the last
+    stage. live: None for a file.
     """
 
     record: Record
@@ -140,39 +129,42 @@ class RunResult:
 
     @property
     def observer_names(self) -> tuple[str, ...]:
-        """Names of the observers of the last stage's body, in the order of the recorded modes."""
+        """Observers of the last stage, in the order of the recorded modes."""
         return () if self.observers is None else self.observers.names
 
     @property
     def ticks_followed(self) -> int:
-        """Ticks that followed the clip, from its first on."""
+        """Number of ticks that followed the clip."""
         following = self.record.following
         return int(following.stop - following.start)
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """The sensors that the performer wears."""
+        """Sensors of the performer."""
         return self.clip.frames.names
 
     @property
-    def sensors_asked(self) -> FloatArray:
-        """Sensor positions (T, k, 3) m, world; NaN where invalid and outside of following."""
-        return self._while_following(self.clip.frames.position[self.clip.rows(self.ticks_followed)])
+    def sensors_desired(self) -> FloatArray:
+        """Sensor positions (T, k, 3) m, world; NaN if invalid and outside of following."""
+        position = self.clip.frames.position[self.clip.rows(self.ticks_followed)]
+        padded = np.full((len(self.record), *position.shape[1:]), np.nan)
+        padded[self.record.following] = position
+        return padded
 
     @property
     def sensors_reached(self) -> FloatArray:
-        """Positions (T, k, 3) m of the human's joints that wear the sensors."""
+        """Positions (T, k, 3) m of the human's joints at the sensors."""
         names = self.record.human_joint_names
         columns = [names.index(self.setup.performer.sensors[sensor].joint) for sensor in self.sensors]
         return np.asarray(self.record.human_joints[:, columns])
 
     @property
     def human_truth(self) -> FloatArray | None:
-        """Recorded joint centres (T, m, 3) m, in the order of the record's; NaN or None where not known."""
+        """Recorded joint centres (T, m, 3) m, in the record's order; NaN or None if not known."""
         return self.truth_of(self.record.human_joint_names)
 
     def truth_of(self, names: tuple[str, ...], rows: slice | None = None) -> FloatArray | None:
-        """As `human_truth`, of some joints (T, m, 3) m and some rows, which go up one by one."""
+        """As `human_truth`, of some joints (T, m, 3) m and some consecutive rows."""
         of, following = range(len(self.record))[slice(None) if rows is None else rows], self.record.following
         first, end = max(of.start, following.start), min(of.stop, following.stop)
         known = self.clip.truth(names, range(first - following.start, max(end, first) - following.start))
@@ -184,7 +176,7 @@ class RunResult:
 
     @property
     def landmarks_reached(self) -> FloatArray | None:
-        """Places (T, k, 3) m of the landmarks in the postures that were sent; None without a robot."""
+        """Landmarks (T, k, 3) m of the postures sent."""
         sent = self.record.robot
         if self.robot is None or sent is None:
             return None
@@ -192,15 +184,14 @@ class RunResult:
 
     @property
     def followed(self) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-        """What was followed: names, tracks asked and reached (T, k, 3) m. Landmarks of a robot, sensors of a human."""
+        """Names, desired and actual positions (T, k, 3) m: landmarks of a robot, sensors of a human."""
         reached, sent = self.landmarks_reached, self.record.robot
         if reached is None or sent is None:
-            return self.sensors, self.sensors_asked, self.sensors_reached
+            return self.sensors, self.sensors_desired, self.sensors_reached
         return sent.landmark_names, sent.landmarks_asked, reached
 
     def present_q(self, rows: slice) -> FloatArray | None:
-        """Postures (T, nq), m, wxyz and rad, of the present positions in some rows, on the planted sole; None without
-        servos that answer."""
+        """Measured postures (T, nq), m, wxyz and rad, on the planted sole; None without servos that answer."""
         sent = self.record.robot
         if self.robot is None or sent is None or not self.setup.has_bus:
             return None
@@ -211,8 +202,7 @@ class RunResult:
 
     @property
     def moved_q(self) -> FloatArray | None:
-        """Postures (T, nq), m, wxyz and rad, of the simulated body at every tick, or as they were sent where nothing
-        has mass; None without a robot."""
+        """Postures (T, nq), m, wxyz and rad, of the simulated body, or as sent without mass."""
         sent, physics = self.record.robot, self.physics
         if self.robot is None or sent is None or physics is None or not len(physics.time):
             return None if sent is None else sent.q
@@ -224,14 +214,13 @@ class RunResult:
         return q
 
     def seen(self, points: FloatArray) -> FloatArray:
-        """Points (T, k, 3) m of the world as a robot sees them that walks, and turns: along the axes of its stance;
-        those of another are the same."""
+        """Points (T, k, 3) m along the axes of the stance of a robot that walks, and turns."""
         back = self._back
         return points if back is None else rotations.rotate(back[:, None], points)
 
     @property
     def seen_q(self) -> FloatArray | None:
-        """`moved_q` (T, nq) along the axes of the robot's stance."""
+        """`moved_q` (T, nq) along the axes of the stance."""
         q, back = self.moved_q, self._back
         if q is None or back is None:
             return q
@@ -241,8 +230,7 @@ class RunResult:
 
     @property
     def _back(self) -> FloatArray | None:
-        """Turns (T, 4) wxyz from the world to the axes of the stance, mid-way between the soles; None where they are
-        the same."""
+        """Rotations (T, 4) wxyz from the world to the axes of the stance, mid-way between the soles; None if equal."""
         robot, sent, walk = self.robot, self.record.robot, self.tally.walk
         if robot is None or sent is None or walk is None or not walk.steps:
             return None
@@ -250,31 +238,19 @@ class RunResult:
         x, y, _ = rotations.rotate(soles, np.array([1.0, 0.0, 0.0])).sum(axis=1).T
         return rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), -arctan2(y, x))
 
-    def _while_following(self, rows: FloatArray) -> FloatArray:
-        """Rows of the ticks that followed, with NaN in all others."""
-        padded = np.full((len(self.record), *rows.shape[1:]), np.nan)
-        padded[self.record.following] = rows
-        return padded
 
-
-# What is shown of a run in addition to the rows of its record, read only when a snapshot is shown.
-
-ROOT, PRESSURE = 7, 2
-"""Numbers of a free root in a row (position, quaternion) and of the centre of pressure (x, y)."""
+ROOT, PRESSURE = 7, 2  # numbers of a free root, and of a centre of pressure
 
 
 def truth_names(body: BodyModel) -> tuple[str, ...]:
-    """Names of the numbers that describe the state of a simulated body: the pose of its root link, the angles of its
-    hinges and slides, and the centre of pressure of its soles (m, NaN where none carries)."""
+    """Names of the numbers of a simulated body: pose of the root, joints, centre of pressure, m, NaN in the air."""
     joints = [name for name, kind in zip(body.joint_names, body.joint_type, strict=True) if kind > JointType.BALL]
     return ("x", "y", "z", "qw", "qx", "qy", "qz", *joints, "pressure_x", "pressure_y")
 
 
 def in_truth(body: BodyModel, goal: FloatArray, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Posture (nq,), m, wxyz and rad, of a body by the numbers of `truth_names`, and the centre of pressure (2,).
-
-    The root of a body with a fixed root is that of `goal`.
-    """
+    """Posture (nq,), m, wxyz and rad, of the numbers of `truth_names`, and centre of pressure (2,). goal: of a fixed
+    root."""
     q = goal.copy()
     if body.root == "free":
         q[:ROOT] = numbers[:ROOT]
@@ -284,9 +260,8 @@ def in_truth(body: BodyModel, goal: FloatArray, numbers: FloatArray) -> tuple[Fl
 
 @dataclass(frozen=True)
 class Extras:
-    """words: what the robot does now, and why. current: that of its servos, (s,) A. obstacles: their poses
-    (o, 7). truth: the state of a simulated body. latency: s, from a live frame to goals, of late. Each is None where it
-    is not known or does not exist."""
+    """Extras of a snapshot, None if not known. words: state and reason. current (s,): A. obstacles (o, 7): poses.
+    truth: of a simulated body. latency: s, from a live frame to goals."""
 
     words: Callable[[], tuple[str, str]] = lambda: ("", "")
     current: Callable[[], FloatArray | None] = lambda: None

@@ -1,7 +1,4 @@
-"""The supervisor: the state machine of a run, as one table of states and one of transitions that are executed.
-
-The site shows both tables, made from what is executed here.
-"""
+"""The state machine of a run: a table of states and one of transitions, both executed here and shown by the docs."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,7 +16,7 @@ from retarget.types import RunState
 
 @dataclass(frozen=True)
 class StateRow:
-    """One state. controls: who gives the targets, in words. torque: whether it is on. limit_s: longest stay, s."""
+    """One state. controls: source of the targets, in words. limit_s: longest stay, s."""
 
     controls: str
     torque: bool = False
@@ -27,21 +24,20 @@ class StateRow:
 
 
 LONGEST_HOLD_S = 4.8
-"""A robot holds this long for a performer who cannot be followed, then goes to rest: 5 s after the last data."""
+"""[s] Longest hold for a performer who cannot be followed: it ends 5 s after the last data."""
 LONGEST_BRAKE_S = LONGEST_WALK_STOP_S + 0.2
-"""Longest stop: that of a walk, which ends after at most two steps."""
+"""[s] Longest stop: that of a walk, which ends after at most two steps."""
 LONGEST_RETURN_S = 15.0
-"""Longest return to stance; then the robot goes on from where it is."""
+"""[s] Longest return to stance, after which the robot goes on from where it is."""
 LONGEST_TO_REST_S = 24.0
-"""Longest way to rest from there; then the robot holds where it is."""
+"""[s] Longest move to rest, after which the robot holds."""
 LONGEST_FALL_S = 1.5
-"""From when a fall is recognised until torque goes off: an inverted pendulum of 0.4 m (a robot of 0.8 m) that begins at
-5 degrees lies within 0.8 s, and then comes to rest."""
+"""[s] From detection of a fall to torque off: an inverted pendulum of 0.4 m (a robot of 0.8 m) that begins at 5 degrees
+lies within 0.8 s."""
 LONGEST_STOP_S = 2.0 * LONGEST_BRAKE_S + LONGEST_RETURN_S + LONGEST_TO_REST_S
-"""Longest stop as a whole: from then on the time limit of each of its states is over."""
+"""[s] Longest stop as a whole, after which every state has timed out."""
 COMMANDED_S = 0.5
-"""Time for which the performer must be followed before an earlier hold no longer counts towards its limit: single
-targets between holds do not restart it."""
+"""[s] Following that ends the count of an earlier hold, so that single targets between holds do not."""
 
 STATES: dict[RunState, StateRow] = {
     RunState.IDLE: StateRow("nothing; waits for data"),
@@ -63,7 +59,7 @@ STATES: dict[RunState, StateRow] = {
 
 
 class Event(Enum):
-    """What makes a state change. Of several in one tick, the first of this list that the present state has counts."""
+    """The events that change a state. The first of this list that the present state has a transition for counts."""
 
     RELEASED = "the operator, who holds the robot, switches torque off"
     TORQUE_OFF = "torque off is asked for, the bus is lost, or a tick fails and the robot cannot brake"
@@ -78,9 +74,7 @@ class Event(Enum):
     RESUME = "the performer can be followed"
     ARRIVED = "the controller has arrived"
     STANDS_ON_SOLES = "the robot stands, and may go to rest by way of its stance"
-    STANDS_READY_FOR_REST = (
-        "the robot stands on its straight approach, or has tried to return to stance: it may go to rest"
-    )
+    MAY_GO_TO_REST = "the robot stands on its straight approach, or has tried to return to stance: it may go to rest"
     ENDS_STANDING = "the robot stands in its stance, or on its way there, and is to stay so"
     STANDS = "the robot stands, and is not to go to rest"
     STANDS_WITH_FAULT = "the robot stands, with a fault"
@@ -93,7 +87,7 @@ class Event(Enum):
 
 @dataclass(frozen=True)
 class Transition:
-    """A change to another state. category: of the stop that leaves the state, None where nothing stops."""
+    """A change to another state. category: of the stop, if it is one."""
 
     to: RunState
     category: StopCategory | None = None
@@ -139,7 +133,7 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
     (_S.STOPPING, _E.FALLS): _FALL,
     (_S.STOPPING, _E.TIMEOUT): _TORQUE_OFF,
     (_S.STOPPING, _E.STANDS_ON_SOLES): Transition(_S.RETURN_TO_STANCE),
-    (_S.STOPPING, _E.STANDS_READY_FOR_REST): Transition(_S.GO_TO_REST),
+    (_S.STOPPING, _E.MAY_GO_TO_REST): Transition(_S.GO_TO_REST),
     (_S.STOPPING, _E.ENDS_STANDING): Transition(_S.STANDING),
     (_S.STOPPING, _E.STANDS): Transition(_S.OFF),
     (_S.STOPPING, _E.STANDS_WITH_FAULT): Transition(_S.FAULT),
@@ -165,33 +159,33 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
     (_S.FALLING, _E.TIMEOUT): _TORQUE_OFF,
     (_S.OFF, _E.TORQUE_OFF): _TORQUE_OFF,
 }
-"""All transitions. An event that a state has no row for changes nothing."""
+"""All transitions. Other events change nothing."""
 
 BUS_SILENT = "the bus is silent"
-"""Why the robot holds for a cycle in which no servo of a bus has answered."""
+"""The hold reason of a cycle in which no servo of a bus answered."""
 AT_RISK = (RunState.APPROACH, RunState.FOLLOW, RunState.HOLD)
 """States in which the robot moves with the performer."""
 STOPS = (RunState.HOLD, RunState.STOPPING, RunState.STANDING)
-"""States in which the robot comes to a stop, or stands."""
+"""States in which the robot stops or stands."""
 
 
 class End(Enum):
-    """How a run ends. The value says it to the operator."""
+    """The end of a run, in words for the operator."""
 
     AT_REST = "it brakes and goes to rest"
-    """In posture `rest`, without torque."""
     STANDING = "it brakes, returns to its stance and stands there, with torque"
     """Until the operator switches torque off."""
     BRAKED = "it brakes"
-    """Where it has braked, without torque: nothing would go down."""
+    """Without torque, for robots that do not fall."""
 
 
 @dataclass(frozen=True)
 class OperatorInput:
-    """What the operator asks for. stop: why the robot is to stop, None: it is not. torque_off: whether torque is to go
-    off at once; it counts once the robot stops. fault: cause and reason of a stop that is latched whatever the state:
-    the robot has fallen. velocity: asked by a stick, all zeros to stand; None: there is none, so the robot walks with
-    the performer."""
+    """The requests of the operator.
+
+    stop: the reason. torque_off: counts once the robot stands. fault: cause and reason of a stop in any state, such as
+    a fall. velocity: of a stick; None without one, so that the robot walks with the performer.
+    """
 
     stop: str | None = None
     torque_off: bool = False
@@ -201,12 +195,8 @@ class OperatorInput:
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What the robot has done so far. hold_reason: why it cannot go on with the performer, "" where it can.
-
-    approached: whether the approach is over. arrived: whether the controller of the present state has arrived. stands:
-    whether nothing is left to brake; straight: whether that is on the straight part of the approach. end: how the run
-    is to end. falls: in what way it falls, "" where it does not.
-    """
+    """The situation of the robot. hold_reason, falls: in words, or "". approached: following can begin. arrived: the
+    present controller has. stands: nothing is left to brake; straight: on the straight part of the approach."""
 
     hold_reason: str = ""
     falls: str = ""
@@ -221,28 +211,28 @@ FORCED_STOP = "torque off before the robot stood, forced by the user"
 
 
 class Supervisor:
-    """Changes the state of a run, and nothing else does. state: the present one; since: s, when it began."""
+    """Changes the state of a run. since: s, beginning of the state."""
 
     def __init__(self) -> None:
         self.state, self.since = RunState.IDLE, 0.0
         self.hold_reason = ""
-        """Why the robot holds, or held last."""
+        """The present or last hold reason."""
         self._news: list[str] = []
         self._entered: dict[RunState, float] = {}  # [s] when each state began first
         self._held_since = self._held_until = -inf  # [s] of holds that count as one
 
     @property
     def torque(self) -> bool:
-        """Whether torque is on in this state."""
+        """True if torque is on in this state."""
         return STATES[self.state].torque
 
     @property
     def over(self) -> bool:
-        """Whether the run has ended."""
+        """True if the run has ended."""
         return self.state in (RunState.OFF, RunState.FAULT)
 
     def take(self, event: Event, now: float) -> bool:
-        """Take the transition of the present state for an event, at `now`, s, if it has one. Whether it has."""
+        """Take the transition for an event at `now`, s. Return True if there is one."""
         transition = TRANSITIONS.get((self.state, event))
         if transition is None:
             return False
@@ -255,8 +245,7 @@ class Supervisor:
         return True
 
     def enter(self, state: RunState, clock: Clock) -> None:
-        """Go on to a state without torque, while the performer is waited for, measured and checked. Raises ValueError
-        for one that the table does not lead to."""
+        """Go on to a state without torque, before the run. Raises ValueError without a transition to it."""
         events = [event for (before, event), row in TRANSITIONS.items() if before is self.state and row.to is state]
         if not events or STATES[state].torque:
             raise ValueError(f"no transition from {self.state.value} to {state.value}")
@@ -265,8 +254,8 @@ class Supervisor:
     def step(
         self, now: float, operator: OperatorInput, performer: PerformerInput, situation: Situation, guard: Guard
     ) -> RunState:
-        """The state of the tick at `now`, s. The reason of a stop is latched in the guard; where a transition switches
-        torque off at once, the guard has switched it off."""
+        """The state of the tick at `now`, s. Reasons of stops are latched in the guard, and torque goes off at once
+        where needed."""
         if self.state is RunState.HOLD and situation.hold_reason:
             self.hold_reason = situation.hold_reason
             self._held_since = now if performer.paused else self._held_since
@@ -278,7 +267,7 @@ class Supervisor:
         return self.state
 
     def fail(self, now: float, error: str, cause: StopCause, guard: Guard, *, may_brake: bool) -> None:
-        """A tick has failed. may_brake: whether the robot can still brake; else torque goes off now."""
+        """A tick has failed. Torque goes off now unless the robot can still brake."""
         if not may_brake:
             guard.switch_off(cause, error)
             self.take(Event.TORQUE_OFF, now)
@@ -290,7 +279,7 @@ class Supervisor:
             self.take(Event.FAILED, now)
 
     def take_news(self) -> tuple[str, ...]:
-        """What failed on the way to rest since the last call, a sentence each."""
+        """Failures on the way to rest since the last call."""
         news, self._news = tuple(self._news), []
         return news
 
@@ -300,7 +289,7 @@ class Supervisor:
     def _events(
         self, now: float, operator: OperatorInput, performer: PerformerInput, situation: Situation, guard: Guard
     ) -> Iterator[Event]:
-        """What is the case now, in the order of `Event`."""
+        """The present events, in the order of `Event`."""
         if operator.torque_off:
             yield Event.RELEASED
         if self._is_forced(operator) or guard.torque is not Torque.ON:
@@ -329,7 +318,7 @@ class Supervisor:
             yield self._stands(situation, guard)
 
     def _is_forced(self, operator: OperatorInput) -> bool:
-        """Whether torque is to go off at once. A robot that moves with the performer brakes first."""
+        """True if torque is to go off at once. A robot that moves with the performer brakes first."""
         return operator.torque_off and self.state not in AT_RISK
 
     def _stands(self, situation: Situation, guard: Guard) -> Event:
@@ -339,10 +328,10 @@ class Supervisor:
             return Event.STANDS
         if not situation.straight and RunState.RETURN_TO_STANCE not in self._entered:
             return Event.STANDS_ON_SOLES
-        return Event.STANDS_READY_FOR_REST if situation.end is End.AT_REST else Event.ENDS_STANDING
+        return Event.MAY_GO_TO_REST if situation.end is End.AT_REST else Event.ENDS_STANDING
 
     def _latch(self, event: Event, now: float, operator: OperatorInput, situation: Situation, guard: Guard) -> None:
-        """Latch why, where a transition stops the robot."""
+        """Latch the reason of a transition that stops the robot."""
         answered = f"the bus answered in only {guard.health.buses.answered:.0%} of the cycles"
         why = answered if self.hold_reason == BUS_SILENT else self.hold_reason
         held = f"{why} for {now - self._held_since:.3g} s, allowed {LONGEST_HOLD_S:g} s"

@@ -1,8 +1,5 @@
-"""The run table: one row for each tick of a run. The list of its fields is data: the arrays in memory, the topics of a
-recording, the keys of `--save` and the reference in the docs are made from it.
-
-Positions are in the world (x forward, y left, z up), quaternions wxyz.
-"""
+"""The run table: a row per tick. Arrays in memory, topics of a recording, keys of `--save` and the reference in the
+docs follow from its list of fields. Positions are in the world (x forward, y left, z up), quaternions wxyz."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -18,21 +15,21 @@ ByteArray = NDArray[np.int8]
 BitArray = NDArray[np.uint32]
 TextArray = NDArray[np.object_]
 Widths = Mapping[str, int]
-"""The numbers that the words in the shapes of fields stand for in one run; 0 for a word that is missing."""
+"""Sizes of the words in the shapes of fields, in one run; 0 for a missing word."""
 READINGS = 8
-"""Readings of the clock that are kept of a cycle: it takes five at most."""
+"""Readings of the clock that are kept of a cycle, which takes five at most."""
 EVERY_S = {"/landmarks": 0.04, "/truth": 0.04} | dict.fromkeys(
     ("/human/joints", "/human/posture", "/joint_states", "/tf", "/contact"), 0.08
 )
-"""Time, s, between two messages of a topic that is there to be looked at, and can be computed again from the rest."""
+"""[s] Period of topics that are for display, and can be computed from the others."""
 
 
 @dataclass(frozen=True)
 class RunField:
-    """One field of a row. unit: "" where it has none. shape: of one row; a word is a width that the run decides.
+    """One field of a row. unit: "" if none. shape: of one row; a word is a width of the run.
 
-    topic, key: the topic of a recording and the field of its message; npz: the key of `--save`; column: the begin of
-    its columns in CSV and Parquet; "" where it is not there. fill: the value of a row that is not written yet.
+    topic, key: of a recording's message. npz: key of `--save`. column: prefix in CSV and Parquet. "": not there. fill:
+    value of an empty row.
     """
 
     name: str
@@ -47,11 +44,12 @@ class RunField:
     fill: float
 
     def sizes(self, widths: Widths) -> tuple[int, ...]:
-        """The shape of one row in a run of these widths."""
+        """The shape of one row."""
         return tuple(one if isinstance(one, int) else widths.get(one, 0) for one in self.shape)
 
     def room(self, rows: int, widths: Widths) -> NDArray[Any]:
-        """Make an array for so many rows. Zeros are not touched yet: a long run is not filled before its first tick."""
+        """An array for so many rows. Zeros are allocated lazily, since a long run is not filled before its first
+        tick."""
         shape = (rows, *self.sizes(widths))
         return np.full(shape, self.fill, self.dtype) if self.fill else np.zeros(shape, self.dtype)
 
@@ -59,22 +57,19 @@ class RunField:
 def _field(
     unit: str, meaning: str, *shape: int | str, topic: str = "", npz: str = "", column: str = "", fill: float = 0.0
 ) -> Any:
-    """A field, whose dtype is that of its annotation. topic: "/tick" where the message's field has the same name, else
-    "/tick.field". npz: "." for the same name."""
+    """A field with the dtype of its annotation. topic: "/tick", or "/tick.key". npz: "." for its own name."""
     place, _, key = topic.partition(".")
     given = {"unit": unit, "meaning": meaning, "shape": shape, "topic": place, "key": key, "npz": npz}
     return field(default=None, metadata=given | {"column": column, "fill": fill})
 
 
 def _stage(meaning: str) -> Any:
-    """The time of one stage of a tick, under its own name everywhere."""
     return _field("s", f"{meaning}; on the run's clock, NaN: not known", topic="/tick", npz=".", fill=np.nan)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunTable:
-    """Rows of a run: a field that is known is an array with a row per tick, any other is None. In a single row of a
-    table, a field is what its array holds there."""
+    """Rows of a run: known fields are arrays with a row per tick, others None."""
 
     time: FloatArray = _field("s", "0 at the first tick of following, before it negative", npz=".")
     index: IntArray = _field("", "number of the cycle, 0 is that of arming", topic="/tick.cycle")
@@ -90,7 +85,7 @@ class RunTable:
     asked: BitArray = _field("", "`Asked` before the cycle, and answered with yes", topic="/tick")
     clock: FloatArray = _field("s", "what the clock said", READINGS, topic="/tick")
     readings: ModeArray = _field("", "number of readings of the clock", topic="/tick")
-    velocity_asked: FloatArray = _field(
+    velocity_command: FloatArray = _field(
         "m/s, rad/s",
         "twist that a stick asks of the robot: forward, left, up, and turns about these; NaN: there is none",
         6,
@@ -190,16 +185,16 @@ class RunTable:
 
     @classmethod
     def empty(cls, rows: int, widths: Widths, names: Iterable[str] = (), **given: Any) -> Self:
-        """Room for so many rows of some fields (none named: of all). given: what else the table is made of."""
+        """Room for so many rows of some fields, or of all. given: other attributes."""
         return cls(**{name: FIELDS[name].room(rows, widths) for name in names or FIELDS}, **given)
 
     @property
     def known(self) -> dict[str, Any]:
-        """The arrays of the fields that are known."""
+        """The arrays of the known fields."""
         return {name: value for name, value in vars(self).items() if name in FIELDS and value is not None}
 
     def __contains__(self, name: str) -> bool:
-        """Whether a field is known."""
+        """True if a field is known."""
         return getattr(self, name) is not None
 
     def __len__(self) -> int:
@@ -210,7 +205,7 @@ class RunTable:
         return replace(self, **{name: change(value) for name, value in self.known.items()})
 
     def __getitem__(self, rows: Any) -> Self:
-        """The rows of these numbers, of a slice or of a mask; of one number a single row."""
+        """The rows of an index, a slice or a mask."""
         return self.each(lambda array: array[rows])
 
 
@@ -243,11 +238,11 @@ def imu_of(rows: RunTable, at: int) -> ImuSample | None:
 FIELDS = _fields()
 """Every field by its name."""
 OF_IMU = tuple(name for name in FIELDS if name.startswith("imu_"))
-"""What the IMU measured. Files from before there was one, and of robots without one, do not have them."""
+"""Fields of the IMU; absent in older files, and for robots without one."""
 STAGES = tuple(name for name in FIELDS if name.startswith("time_"))
-"""The times of a tick's stages. Files from before there were any do not have them."""
+"""Times of a tick's stages; absent in older files."""
 
 
 def message_fields(topic: str) -> dict[str, str]:
-    """The fields of a topic's messages: name in the message, and name in the table."""
+    """Fields of a topic's messages, by their names there."""
     return {one.key: name for name, one in FIELDS.items() if one.topic == topic}

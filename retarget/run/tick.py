@@ -1,8 +1,7 @@
-"""A tick of a run as a function: what is known when it begins goes in, its goal comes out.
+"""A tick of a run as a function of its input and state.
 
-`step` is the whole of a tick between reading and writing, in its order: look at the servos, let the supervisor choose
-the state, find a target, check it. It reads no clock, no bus and no stream. The loop of a run, `retarget.Pipeline` and
-the replay of a recording gather a `TickInput`, call it, and write the goal.
+`step` checks the servos, lets the supervisor choose the state, finds a target and checks it. It reads no clock, bus or
+stream. The loop, `retarget.Pipeline` and replay gather a `TickInput`, call it, and write the goal.
 """
 
 from collections.abc import Iterator
@@ -33,16 +32,14 @@ from retarget.types import Notify, RobotPosture, RunState
 
 TO_REST = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST)
 """States in which the robot brakes and waits while the bus is silent."""
-HOLDS_ON_ITS_WAY = "on its way to rest the robot holds, and tries again: {}"
-NOT_FOLLOWABLE = "the performer could not be followed ({})"
-"""A hold reason; what is wrong with the performer, in a few words, is put in."""
-NEAR_REST = 0.2
-"""A robot is at rest when no joint is farther than this from posture `rest`, rad."""
+HOLDS_BEFORE_REST = "on its way to rest the robot holds, and tries again: {}"
+NOT_FOLLOWABLE = "the performer could not be followed ({})"  # a hold reason
+NEAR_REST = 0.2  # [rad] largest distance of a joint from posture `rest`
 
 
 @dataclass(frozen=True)
 class Failure:
-    """An exception in a tick. cause: of the stop that it leads to; reason: the exception in words."""
+    """An exception in a tick. cause: of the stop."""
 
     cause: StopCause
     reason: str
@@ -50,8 +47,8 @@ class Failure:
 
 @contextmanager
 def caught(failures: list[Failure], cause: StopCause) -> Iterator[None]:
-    """Append what fails to `failures`; no exception gets farther in a tick. Only a BusError is a failure of the bus:
-    after any other the robot can still brake."""
+    """Append exceptions to `failures`. Only a BusError is a failure of the bus: after any other the robot can still
+    brake."""
     try:
         yield
     except Exception as error:  # noqa: BLE001 - nothing that fails in a tick may leave the robot moving
@@ -62,10 +59,7 @@ def caught(failures: list[Failure], cause: StopCause) -> Iterator[None]:
 
 @dataclass(frozen=True, eq=False)
 class TickInput:
-    """All that a tick is given. now: s, on the run's clock, when its inputs were there; idle: s, see `Clock.idle`.
-
-    servos: their states; None: they could not be read. failures: while this was gathered, or while `step` ran.
-    """
+    """The input of a tick. now: s, run clock; idle: s, see `Clock.idle`. servos: None if not read."""
 
     now: float
     idle: float = 0.0
@@ -76,15 +70,14 @@ class TickInput:
 
     @property
     def failed(self) -> bool:
-        """Whether the tick is to brake. A stop source or an observer that fails stops the robot as a request does."""
+        """True if the tick is to brake. A failing stop source or observer only requests a stop."""
         return any(failure.cause is not StopCause.SOURCE for failure in self.failures)
 
 
 @dataclass(frozen=True, eq=False)
 class TickState:
-    """What a tick hands to the next one. commanded: where the robot was commanded to. tick: of the performance, the
-    next. sample: the last of the performer, or the one that the robot approaches; None: it was not valid. refused: why
-    goals on the way to rest were refused; standing: why the robot stands at the end."""
+    """The state between ticks. tick: the next of the performance. sample: the last valid one, or the one to approach.
+    refused: why goals to rest were refused; standing: why the robot stands at the end."""
 
     commanded: Commanded
     tick: int = 0
@@ -95,9 +88,8 @@ class TickState:
 
 @dataclass(frozen=True, eq=False)
 class TickOutput:
-    """What a tick leads to. goal: to be written now, None once torque is off; target: what it is for, None where there
-    was none. gated: the gate refused what was asked. followed: the robot's posture for the performer, where it follows.
-    lost: no posture was found for the performer, so the robot holds. news: sentences for the operator."""
+    """The result of a tick. goal: to be written, None once torque is off. gated: the gate changed the goal. followed:
+    the robot's posture for the performer. lost: no posture was found. news: messages."""
 
     state: TickState
     run_state: RunState
@@ -111,9 +103,8 @@ class TickOutput:
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """A robot that can run. clock: of the run, which its loop reads, and no tick. waits: a robot that stands at the end
-    waits for the operator to switch its torque off. notify: receives the news of a run, a sentence each. goals: sent
-    instead of following. tip_watch: of a robot that stands, and has an IMU. contact: of a robot with mass."""
+    """A robot that can run. waits: at the end it stands until the operator switches torque off. goals: replace
+    following."""
 
     robot: RobotBody
     follower: Follower
@@ -130,8 +121,7 @@ class Machine:
     tip_watch: TipWatch | None = None
 
     def not_at_rest(self) -> tuple[str, ...]:
-        """A note about a robot on its soles whose torque went off elsewhere than at rest, though nothing was wrong with
-        it, and it did not stand at the end."""
+        """A note about a robot on its soles without torque elsewhere than at rest, though it had no fault."""
         states, robot, state = self.guard.states, self.robot, self.supervisor.state
         if states is None or state is not RunState.OFF or self.end_plan.end is End.BRAKED or not robot.stands:
             return ()
@@ -144,7 +134,7 @@ class Machine:
 
     @property
     def refused_pair(self) -> RefusedPair | None:
-        """The pair for which the gate refused goals in most ticks; None where it refused none for a pair."""
+        """The pair with most refusals."""
         clearance = self.gate.clearance
         if clearance is None or not clearance.refusals:
             return None
@@ -154,15 +144,14 @@ class Machine:
 
     @property
     def refused(self) -> str:
-        """What was in the way of the goal that the gate checked last, in words; "" where it passed."""
+        """The refusal of the last goal in words, or ""."""
         clearance = self.gate.clearance
-        way = "" if clearance is None else clearance.limiting_pair(robot_observers(self.robot).names)
-        return f"the gate refused goals that bring {way} too near to each other" if way else ""
+        pair = "" if clearance is None else clearance.limiting_pair(robot_observers(self.robot).names)
+        return f"the gate refused goals that bring {pair} too near to each other" if pair else ""
 
 
 def look_at(performer: Performing, tick: int, *, approached: bool) -> PerformerInput:
-    """The performer at a tick. approached: whether the robot is where following begins; tick: of the performance, from
-    then on."""
+    """The performer at a tick of the performance. approached: following can begin."""
     sample = performer.sample(tick) if approached else None
     may_go_on = sample is not None if approached else performer.may_approach()
     return PerformerInput(
@@ -175,8 +164,7 @@ def look_at(performer: Performing, tick: int, *, approached: bool) -> PerformerI
 
 
 def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> TickOutput:
-    """The goal of a tick, and the state after it. Servos, gate, supervisor and controllers remember what they are
-    given."""
+    """The goal of a tick, and the state after it."""
     guard, supervisor = machine.guard, machine.supervisor
     _look_at_servos(machine, motion, state, given)
     hold_reason, lost = _hold_reason(machine, motion, state, given)
@@ -185,20 +173,20 @@ def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInp
     state, news = _standing(machine, state), tuple[str, ...]()
     if supervisor.over:
         return TickOutput(replace(state, **_sampled(given)), run_state, lost=lost)
-    wanted = _target(machine, motion, state, given)
-    goal, target = motion.check(state.commanded, wanted)
+    desired = _target(machine, motion, state, given)
+    goal, target = motion.check(state.commanded, desired)
     if run_state is RunState.GO_TO_REST and target is not None and not goal.passed:
         refused = machine.refused or "the gate refuses the goal"
-        news = () if state.refused else (HOLDS_ON_ITS_WAY.format(refused),)
+        news = () if state.refused else (HOLDS_BEFORE_REST.format(refused),)
         state = replace(state, refused=refused)
     state = replace(state, commanded=motion.next(state.commanded, goal, target), **_sampled(given))
-    motion.lead_from(state.commanded, wanted)
+    motion.reseed_follower(state.commanded, desired)
     return TickOutput(
         state,
         run_state,
         goal,
         target,
-        gated=wanted is not None and not (goal.passed and target is wanted),
+        gated=desired is not None and not (goal.passed and target is desired),
         followed=motion.follow.posture if run_state is RunState.FOLLOW else None,
         lost=lost,
         news=news,
@@ -226,14 +214,13 @@ def brake(machine: Machine, motion: RobotMotion, state: TickState, given: TickIn
     goal = machine.gate.brake(guard.goal)  # from what the servos have, whatever has failed
     state = replace(state, commanded=motion.next(state.commanded, goal, None))
     with caught([], StopCause.FILTER):  # a follower that fails does not keep the robot from braking
-        motion.lead_from(state.commanded, None)
+        motion.reseed_follower(state.commanded, None)
     return TickOutput(state, supervisor.state, goal)
 
 
 @dataclass(frozen=True, eq=False)
 class TickDone:
-    """A tick that is done. given: with all that has failed. tried: the goal that was last given to the bus, whether
-    that failed or not. times: of its stages, s, by the names of their fields."""
+    """A completed tick. given: with all failures. tried: the goal last given to the bus. times: of its stages, s."""
 
     given: TickInput
     output: TickOutput
@@ -242,8 +229,7 @@ class TickDone:
 
 
 def perform(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> TickDone:
-    """A whole tick: `step`, else `brake`, and the goal is written. Raises nothing: where the robot cannot brake either,
-    its torque is off."""
+    """A whole tick: `step`, else `brake`, then the goal is written. Raises nothing; if braking fails, torque is off."""
     guard, supervisor, tried, times = machine.guard, machine.supervisor, None, dict[str, float]()
     if guard.goal is not None and guard.goal is not state.commanded.goal:  # an interrupt came between write and state
         state = replace(state, commanded=motion.next(state.commanded, guard.goal, None))
@@ -269,7 +255,7 @@ def perform(machine: Machine, motion: RobotMotion, state: TickState, given: Tick
 
 
 def _look_at_servos(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> None:
-    """Latch what has failed, and what is wrong with the robot."""
+    """Latch failures of the input and faults of the robot."""
     guard, clearance = machine.guard, machine.gate.clearance
     for failure in given.failures:
         guard.latch(failure.cause, failure.reason)
@@ -289,14 +275,13 @@ def _look_at_servos(machine: Machine, motion: RobotMotion, state: TickState, giv
 
 
 def _sampled(given: TickInput) -> dict[str, Any]:
-    """What the sample of this tick changes in the state, if following has begun."""
+    """The change of the state by the sample of this tick."""
     tick = given.performer.tick
     return {} if tick is None else {"sample": given.performer.sample, "tick": tick + 1}
 
 
 def _hold_reason(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> tuple[str, bool]:
-    """Why the robot cannot go on in a state in which it moves with the performer, "" where it can; and whether that is
-    because no posture was found."""
+    """Why the robot cannot move with the performer, or ""; and True if no posture was found."""
     run_state, performer = machine.supervisor.state, given.performer
     if run_state not in AT_RISK or performer.over:
         return "", False
@@ -316,7 +301,6 @@ def _hold_reason(machine: Machine, motion: RobotMotion, state: TickState, given:
 
 
 def _situation(machine: Machine, motion: RobotMotion, state: TickState, hold_reason: str) -> Situation:
-    """What the robot has done so far."""
     watch = machine.tip_watch
     return Situation(
         hold_reason=hold_reason,
@@ -330,20 +314,20 @@ def _situation(machine: Machine, motion: RobotMotion, state: TickState, hold_rea
 
 
 def _target(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> Target | None:
-    """What the controller of the present state asks for; None: brake, or stand."""
+    """The target of the present controller; None: brake, or stand."""
     guard, run_state, legs = machine.guard, machine.supervisor.state, machine.follower.legs
     if legs is not None:
         legs.velocity = given.operator.velocity
-    if run_state in TO_REST and guard.is_silent:  # goals that no servo hears would come as one step
+    if run_state in TO_REST and guard.is_silent:  # goals that no servo receives would arrive as one step
         return motion.brake(run_state, state.commanded)
     pressed = None if machine.contact is None or run_state is not RunState.HOLD else machine.contact.pressed
-    motion.give_way(pressed)
+    motion.set_press(pressed)
     override = guard.health.warnings.speed_override
     return motion.target(run_state, state.commanded, given.performer, speed_override=override)
 
 
 def _standing(machine: Machine, state: TickState) -> TickState:
-    """The state that says why the robot stands at the end of the run, once it does."""
+    """The state with the reason why the robot stands at the end."""
     if machine.supervisor.state is not RunState.STANDING or state.standing:
         return state
     stop = machine.guard.stop

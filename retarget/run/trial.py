@@ -1,4 +1,4 @@
-"""A robot tried without a performer and a bus: whether a run could begin."""
+"""A trial of a robot without a performer and a bus: can a run begin?"""
 
 from functools import partial
 
@@ -17,15 +17,12 @@ from retarget.safety.clearance import TIGHTEN
 from retarget.schema.performer import load_performer
 from retarget.sources.open import open_source
 
-STATURE = 1.7
-"""[m] of the person for whom a robot is tried."""
-FOLLOWED_S = 0.2
-"""Time of a recording that is followed in a trial."""
+STATURE = 1.7  # [m] of an average performer
+FOLLOWED_S = 0.2  # [s] of a recording in a trial
 
 
 def try_robot(robot: RobotBody, options: RunOptions) -> None:
-    """Build what a run builds of a robot, for a person of average proportions; no way is tried. Raises RetargetError as
-    the run would."""
+    """Build the stages of a run for a performer of average proportions. Raises RetargetError as the run would."""
     for_human, for_robot, _ = stage_priorities(robot, options)
     assert for_robot is not None, "there is a robot"
     human, performer = build_human(proportional_dimensions(STATURE)), load_performer(options.performer_name)
@@ -35,13 +32,16 @@ def try_robot(robot: RobotBody, options: RunOptions) -> None:
 
 
 def try_approach(robot: RobotBody) -> None:
-    """Run the first moments of the demo from the postures `rest` and `stand`, with servos that are always at their
-    goals. Raises RetargetError as the demo would, and ConfigError where it stops before it follows."""
+    """Run the first moments of the demo from postures `rest` and `stand`. Raises RetargetError as the demo would, and
+    ConfigError if it stops before it follows."""
     for posture in ("rest", "stand"):
         ticks = robot.joint_map.to_ticks(robot.posture(getattr(robot.profile.postures, posture))[robot.servo_columns])
         options = RunOptions(robot=robot.profile.name, bus="none", playback=Playback(end=FOLLOWED_S))
         perform = performance_of(partial(open_source, "sample"), options.playback)
-        make_bus = partial(_bus_at, ticks)
+
+        def make_bus(_: RobotBody, clock: Clock, start: TickArray = ticks) -> NoBus:
+            return NoBus(clock, start=start)
+
         with prepare_for(
             perform, options, clock=VirtualClock(), make_bus=make_bus, goes_to_rest=False, robot=robot
         ) as prepared:
@@ -54,7 +54,3 @@ def try_approach(robot: RobotBody) -> None:
                 found=f"{pair.first} and {pair.second} come too near to each other" if pair else run.reason,
                 next_step=f"Move the posture `{posture}`, or {TIGHTEN}",
             )
-
-
-def _bus_at(ticks: TickArray, robot: RobotBody, clock: Clock) -> NoBus:
-    return NoBus(clock, start=ticks)

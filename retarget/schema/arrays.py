@@ -1,5 +1,4 @@
-"""Arrays of an NPZ file from outside: no pickle is ever read, and what is missing, cut short, of another shape or not a
-number is refused at once."""
+"""Arrays of an NPZ file from outside. Pickles are never read; missing, truncated or misshapen arrays are errors."""
 
 import sys
 import tokenize
@@ -25,8 +24,7 @@ BROKEN = (
 
 @dataclass(frozen=True, eq=False)
 class ArrayFile:
-    """Arrays by key, the file that they are from, and the next step where that is something else. notes: to the user,
-    of arrays that were passed over."""
+    """Arrays by key. advice: the next step for another kind of file. notes: about skipped arrays."""
 
     source: str
     arrays: dict[str, NDArray[Any]]
@@ -37,7 +35,7 @@ class ArrayFile:
         return key in self.arrays
 
     def floats(self, key: str, *shape: int | None, unknown: bool = False) -> NDArray[np.float64]:
-        """Read an array of numbers of this shape (None: any size). unknown: NaN is allowed. Raises InputError."""
+        """Read numbers of this shape (None: any size). unknown: NaN is allowed. Raises InputError."""
         values = np.asarray(self._checked(key, "fiu", "numbers", shape), dtype=np.float64)
         bad = ~np.isfinite(values) & ~(unknown & np.isnan(values))
         if bad.any():
@@ -47,21 +45,20 @@ class ArrayFile:
         return values
 
     def whole(self, key: str, *shape: int | None) -> NDArray[np.int64]:
-        """Read an array of whole numbers of this shape. Raises InputError."""
+        """Read whole numbers of this shape. Raises InputError."""
         return np.asarray(self._checked(key, "iu", "whole numbers", shape), dtype=np.int64)
 
     def texts(self, key: str, *shape: int | None) -> NDArray[np.str_]:
-        """Read an array of texts of this shape. Raises InputError."""
+        """Read texts of this shape. Raises InputError."""
         values = np.ascontiguousarray(self._checked(key, "U", "texts", shape), dtype=np.str_).reshape(-1)
         if (values.view(np.uint32) > sys.maxunicode).any():
             raise self._wrong(key, "a code that is no letter's", "texts")
         return values.reshape(self.arrays[key].shape)
 
     def _checked(self, key: str, kinds: str, what: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
-        """An array of one of these kinds of dtypes, and of a shape."""
         array = self.arrays[key]
         sizes = zip(shape, array.shape, strict=False)
-        if array.ndim != len(shape) or any(wanted not in (None, size) for wanted, size in sizes):
+        if array.ndim != len(shape) or any(expected not in (None, size) for expected, size in sizes):
             allowed = ", ".join("any" if size is None else str(size) for size in shape)
             raise self._wrong(key, f"shape {array.shape}", f"shape ({allowed})")
         if array.dtype.kind not in kinds:
@@ -74,20 +71,19 @@ class ArrayFile:
         )
 
 
-Wanted = Callable[[Collection[str]], Collection[str]]
-"""From the names in a file to those that are read; it may raise InputError."""
+Select = Callable[[Collection[str]], Collection[str]]
+"""Chooses from the names in a file; may raise InputError."""
 
 
 def open_arrays(
-    path: Path, wanted: Wanted, *, max_bytes: int, advice: str, optional: Collection[str] = ()
+    path: Path, select: Select, *, max_bytes: int, advice: str, optional: Collection[str] = ()
 ) -> ArrayFile:
-    """The wanted arrays of a file, as far as it has them. max_bytes: of all these, unpacked. advice: the next step for
-    a file that is something else. optional: arrays that are passed over, with a note, where they hold Python objects.
-    Raises InputError: no NPZ, cut short, too large, another array of Python objects."""
+    """The selected arrays of a file. max_bytes: of all these, unpacked. advice: the next step for another kind of file.
+    optional: skipped, with a note, if they hold Python objects. Raises InputError."""
     try:
         with zipfile.ZipFile(path) as archive:
             entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
-            read = set(wanted(entries.keys()))
+            read = set(select(entries.keys()))
             size = int(fsum(entry.file_size for name, entry in entries.items() if name in read))
             if size > max_bytes:
                 raise InputError("too large", where=str(path), found=f"{size} bytes", allowed=f"up to {max_bytes}")
@@ -112,8 +108,7 @@ def open_arrays(
 
 
 def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any] | None:
-    """An array of a .npy file, for which no room is made before its header agrees with the size of the file; None of
-    Python objects. Raises ValueError and what else is BROKEN."""
+    """An array of a .npy file, allocated only if its header agrees with the file's size; None for Python objects."""
     with archive.open(entry) as stream:
         header = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
         shape, _, dtype = header(stream)

@@ -1,8 +1,7 @@
-"""Where configurations are: shipped ones next to the package, the user's own in the XDG config folder; by name or path.
+"""Configurations by name or path: shipped ones in `configs/`, the user's own in `$XDG_CONFIG_HOME/retarget/`
+(`~/.config/retarget/` by default), with the same folders inside.
 
-Shipped: `configs/` inside the `retarget` package (an installed wheel) or next to it (a checkout). The user's:
-`$XDG_CONFIG_HOME/retarget/` (`~/.config/retarget/` by default), with the same folders inside; a user's file hides the
-shipped one of the same name. What belongs to one specimen of a robot, its calibration, is the user's own only.
+A user's file hides the shipped one of the same name. Calibrations, of one specimen of a robot, are only the user's.
 """
 
 import os
@@ -16,18 +15,15 @@ from retarget.errors import ConfigError, UsageError, renamed_to, suggest
 from retarget.schema.strict_models import listed
 from retarget.schema.strict_yaml import Document, read_text, scan
 
-MAX_LISTED = 1000
-"""At most this many configurations of one kind are looked at in one folder."""
+MAX_LISTED = 1000  # configurations of one kind in one folder
 
-BODIES = (".xml", ".mjcf", ".urdf")
-"""Suffixes of bodies, which profiles name."""
+BODIES = (".xml", ".mjcf", ".urdf")  # suffixes of bodies, which profiles name
 
-MAX_SHOWN = 200
-"""At most this many characters of a user's path are repeated in a message."""
+MAX_SHOWN = 200  # characters of a user's path in a message
 
 
 HUMAN = "human"
-"""Stands where a robot's name does, and is none: the performer is reconstructed, and nothing else."""
+"""In place of a robot's name: only the performer is reconstructed."""
 
 
 class Kind(StrEnum):
@@ -41,7 +37,7 @@ class Kind(StrEnum):
 
     @property
     def label(self) -> str:
-        """One of them, in a message."""
+        """Its name in a message."""
         return _LABELS[self]
 
 
@@ -56,7 +52,7 @@ _LABELS = {
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A configuration that was found. `shipped`: part of this package, not the user's own."""
+    """A configuration. shipped: part of this package."""
 
     name: str
     path: Path
@@ -64,22 +60,22 @@ class Entry:
 
 
 def shipped_folder() -> Path:
-    """The folder `configs/` that comes with the package."""
+    """The folder `configs/` of the package."""
     return (Path(__file__).parent.parent / "configs").resolve()
 
 
 def user_folder() -> Path:
-    """The user's own folder of configurations, in the XDG config folder."""
+    """The user's folder of configurations."""
     return _xdg_folder("XDG_CONFIG_HOME", ".config")
 
 
 def cache_folder() -> Path:
-    """The folder of what can be fetched or made again, in the XDG cache folder."""
+    """The XDG cache folder."""
     return _xdg_folder("XDG_CACHE_HOME", ".cache")
 
 
 def _xdg_folder(variable: str, usual: str) -> Path:
-    """Our folder in one of XDG's; relative values of a variable are ignored, as the XDG standard requires."""
+    """Our folder in one of XDG's, which requires that relative values are ignored."""
     base = Path(os.environ.get(variable, ""))
     if not base.is_absolute():
         base = Path(os.environ.get("HOME", "~")).expanduser() / usual
@@ -87,23 +83,20 @@ def _xdg_folder(variable: str, usual: str) -> Path:
 
 
 def calibration_path(robot: str) -> Path:
-    """Path of the calibration of the robot of that name, which may be still to be written: always the user's own, never
-    shipped."""
+    """Path of the user's calibration of a robot, which may not exist."""
     return user_folder() / "calibrations" / f"{robot}.yaml"
 
 
 def entries(kind: Kind) -> tuple[Entry, ...]:
-    """All configurations of a kind by name; a user's entry stands in place of the shipped one that it hides."""
+    """All configurations of a kind by name; the user's hide shipped ones."""
     found = {entry.name: entry for entry in _in_folder(kind, shipped_folder(), shipped=True)}
     found |= {entry.name: entry for entry in _in_folder(kind, user_folder(), shipped=False)}
     return tuple(found[name] for name in sorted(found))
 
 
 def find(kind: Kind, name_or_path: str | Path) -> Path:
-    """The file of a configuration given by name, or by the path of the file or of the robot's folder.
-
-    Raises UsageError: no such file, or an unknown name (with the nearest ones).
-    """
+    """The file of a configuration by name, or by path of the file or the robot's folder. Raises UsageError with the
+    nearest names."""
     known = {entry.name: entry.path for entry in entries(kind)}
     if str(name_or_path) in known:
         return known[str(name_or_path)]
@@ -135,40 +128,40 @@ def find(kind: Kind, name_or_path: str | Path) -> Path:
 
 
 def kind_of(path: Path) -> Kind | None:
-    """The kind of a configuration file by the folder that it lies in; None for any other folder."""
+    """The kind of a file by its folder, if known."""
     folders = [folder.name for folder in path.resolve().parents]
     return next((kind for kind in Kind if kind.value in folders[:3]), None)
 
 
-TELLING = {
+OWN_KEYS = {
     Kind.ROBOT: {"body", "root", "frames", "servos", "buses", "feet", "postures", "landmarks", "safety"},
     Kind.PRIORITIES: {"extends", "levels", "iterations", "activation"},
     Kind.PERFORMER: {"sensors", "roles", "partial"},
     Kind.SCENE: {"obstacles"},
     Kind.SESSION: {"robot", "source", "bus"},
 }
-"""Keys that files of one kind alone have."""
+"""Keys that only files of one kind have."""
 
 
 def kind_by_keys(keys: Iterable[str]) -> Kind | None:
-    """The kind of a configuration file by its keys, most of them; None where none of them tells."""
-    shared = {kind: len(telling.intersection(keys)) for kind, telling in TELLING.items()}
+    """The kind of a file by most of its keys, if known."""
+    shared = {kind: len(own.intersection(keys)) for kind, own in OWN_KEYS.items()}
     best = max(shared, key=lambda kind: shared[kind])
     return best if shared[best] else None
 
 
 def read_as(kind: Kind, name_or_path: str | Path) -> Document:
-    """Strict YAML of a configuration by name or path. Raises UsageError as `find`, ConfigError for a file that is one
-    of another kind; the document has its own problems."""
+    """Strict YAML of a configuration by name or path. Raises UsageError as `find`, ConfigError for a file of another
+    kind; the document holds its own problems."""
     path = find(kind, name_or_path)
     document = scan(read_text(path), path)
     other = kind_by_keys(document.data)
-    if other is not None and other is not kind and not TELLING[kind].intersection(document.data):
+    if other is not None and other is not kind and not OWN_KEYS[kind].intersection(document.data):
         raise ConfigError(
             f"this is a {other.label}",
             where=str(path),
             found=f"keys {listed(document.data, limit=5)}",
-            allowed=f"a {kind.label} ({', '.join(sorted(TELLING[kind]))})",
+            allowed=f"a {kind.label} ({', '.join(sorted(OWN_KEYS[kind]))})",
             next_step=f"Give a {kind.label}",
         )
     return document
@@ -185,7 +178,7 @@ def _in_folder(kind: Kind, folder: Path, *, shipped: bool) -> list[Entry]:
 
 
 def is_file(path: Path) -> bool:
-    """Whether a regular file is there; no for a path that the system cannot even look up (too long, a zero byte)."""
+    """True for a regular file; False for a path that the system cannot look up (too long, a zero byte)."""
     try:
         return path.is_file()
     except (OSError, ValueError):

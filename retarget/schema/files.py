@@ -1,4 +1,4 @@
-"""Files that a run writes: places are checked before anything moves, and a file appears whole or not at all."""
+"""Output files: places are checked before anything moves, and a file is written whole or not at all."""
 
 import os
 import shlex
@@ -39,31 +39,31 @@ def check_folder(path: Path, *, option: str) -> None:
 def refuse_existing(
     path: Path, *, option: str, step: str = "Give another name, or add --overwrite to replace it"
 ) -> None:
-    """Raise UsageError if something is at `path`: nothing is overwritten unless that is asked for."""
+    """Raise UsageError if something is at `path`."""
     check_path(path, option=option)
     if path.is_symlink() or path.exists():
         raise UsageError("something is there already", where=option, found=str(path)[:200], next_step=step)
 
 
 def remove(path: Path, *, option: str) -> None:
-    """Remove a file that is to be replaced by one that grows. Raises UsageError with the system's reason."""
+    """Remove a file before a growing one replaces it. Raises UsageError."""
     with _refused(path, option):
         path.unlink(missing_ok=True)
 
 
 def make_folder(path: Path, *, option: str) -> None:
-    """Make a folder, and those above it. Raises UsageError with the system's reason."""
+    """Make a folder, and those above it. Raises UsageError."""
     with _refused(path, option):
         path.mkdir(parents=True, exist_ok=True)
 
 
 def write_atomic(path: Path, content: bytes, *, option: str) -> None:
-    """Write a file, whole or not at all. Raises UsageError with the system's reason."""
+    """Write a file, whole or not at all. Raises UsageError."""
     write_stream(path, lambda stream: stream.write(content), option=option)
 
 
 def write_own(path: Path, content: bytes, *, option: str) -> None:
-    """Write one of the user's own files in its folder; the one before is kept next to it, as `.previous.yaml`."""
+    """Write a user's file in its folder; the one before stays as `.previous.yaml`."""
     make_folder(path.parent, option=option)
     if path.is_file():
         write_atomic(previous_path(path), path.read_bytes(), option=option)
@@ -71,12 +71,12 @@ def write_own(path: Path, content: bytes, *, option: str) -> None:
 
 
 def previous_path(path: Path) -> Path:
-    """Path at which one of the user's own files is kept that a new one replaced."""
+    """Path of the replaced version of a user's file."""
     return path.with_suffix(".previous.yaml")
 
 
 def write_stream(path: Path, write: Callable[[IO[bytes]], object], *, option: str) -> None:
-    """Write a file as `write_atomic` does, from a function that writes to a stream."""
+    """Write a file, whole or not at all, by a function of a stream. Raises UsageError."""
     with _refused(path, option):
         descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:50]}.", suffix=".part")
         try:
@@ -91,11 +91,8 @@ def write_stream(path: Path, write: Callable[[IO[bytes]], object], *, option: st
 
 
 def write_folder(path: Path, contents: Mapping[str, bytes], *, option: str) -> None:
-    """Write a folder of files, by their paths in it, whole or not at all; one that is there is replaced.
-
-    Whatever exception interrupts it, the old folder is there or the new one. Raises UsageError with the system's
-    reason.
-    """
+    """Write or replace a folder of files, by their paths in it. Any interrupt leaves the old folder or the new one.
+    Raises UsageError."""
     make_folder(path.parent, option=option)
     with _refused(path, option):
         part = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name[:50]}.", suffix=".part"))
@@ -116,13 +113,12 @@ def write_folder(path: Path, contents: Mapping[str, bytes], *, option: str) -> N
 
 
 def _sync(stream: IO[bytes]) -> None:
-    """Wait until what was written is on the disk."""
     stream.flush()
     os.fsync(stream.fileno())
 
 
 def check_path(path: Path, *, option: str) -> None:
-    """Raise UsageError for a path that the system cannot even look up: too long, a zero byte, a locked folder."""
+    """Raise UsageError for a path that the system cannot look up: too long, a zero byte, a locked folder."""
     try:
         with _refused(path, option), suppress(FileNotFoundError, NotADirectoryError):
             path.lstat()
@@ -137,7 +133,7 @@ def _try_folder(folder: Path, option: str) -> None:
 
 @contextmanager
 def _refused(path: Path, option: str) -> Iterator[None]:
-    """What the system refuses to do at `path` is a UsageError with its reason."""
+    """Raise UsageError with the system's reason."""
     try:
         yield
     except OSError as error:
@@ -146,7 +142,7 @@ def _refused(path: Path, option: str) -> Iterator[None]:
 
 
 def umask() -> int:
-    """The process's mask for new files; there is no way to read it but to set it."""
+    """The process's mask for new files, which can only be read by setting it."""
     mask = os.umask(0)
     os.umask(mask)
     return mask

@@ -1,4 +1,4 @@
-"""A performer file: which sensors a person wears, and where. `configs/performers/*.yaml`."""
+"""A performer file: the sensors of a person. `configs/performers/*.yaml`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,34 +12,34 @@ from retarget.schema.strict_models import Name, Schema, Switch, Text, unknown_na
 from retarget.schema.strict_yaml import Document
 
 HELD = ("head", "l_wrist", "r_wrist")
-"""Sensors that may sit beside their joints: a cap or headset, and controllers, which turn with head and hands."""
+"""Sensors that may be beside their joints: a cap or headset, and controllers."""
 
 
 class PerformerSensor(Schema):
-    """A sensor and the joint of the human that it sits on."""
+    """A sensor and its joint of the human."""
 
     joint: Name
-    """Human joint that it sits on."""
+    """Human joint of the sensor."""
     orientation: Switch = False
-    """Whether its orientation is used, where the source has one."""
+    """True to use its orientation, if the source has one."""
     role: Text | None = None
-    """Its name at a live sender, where the convention of roles does not give it."""
+    """Its name at a live sender, if the convention of roles lacks it."""
     beside: Switch = False
-    """It sits some centimetres beside its joint; where is found out while a live performer stands still (head and
-    wrists)."""
+    """It is some centimetres beside its joint (head and wrists); the offset is found while a live performer stands
+    still."""
 
 
 class Performer(Schema):
     """A performer: their sensors, in the order of the sample's rows."""
 
     name: Name
-    """By which it is chosen."""
+    """Name by which it is chosen."""
     description: Text
     """One line for lists."""
     roles: Name | None = None
-    """Convention of a live sender's names (docs/live.md), where the kind of stream does not say so."""
+    """Convention of a live sender's names (docs/live.md), if the stream has none."""
     partial: Switch = False
-    """A sensor that a live stream does not have takes no part, instead of being waited for."""
+    """A sensor that a live stream lacks takes no part, instead of being waited for."""
     sensors: Annotated[dict[Name, PerformerSensor], Field(min_length=1, max_length=64)]
     """Sensors on the performer, by canonical name."""
 
@@ -50,7 +50,7 @@ class Performer(Schema):
 
 
 def load_performer(path_or_name: str | Path) -> Performer:
-    """A performer by shipped or user's name, or by path. Raises UsageError, ConfigError with all its problems."""
+    """A performer by name or path. Raises UsageError, ConfigError with all its problems."""
     return validated(Performer, read_as(Kind.PERFORMER, path_or_name), check=_check)
 
 

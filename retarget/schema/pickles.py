@@ -1,5 +1,4 @@
-"""Pickles can run any code, so none is read. Each is refused with lines of Python that make an NPZ of one that the user
-trusts."""
+"""Pickles can run any code, so none is read. The error has lines of Python that convert a trusted one to NPZ."""
 
 import re
 import zipfile
@@ -14,19 +13,16 @@ LOAD = {
     "pickle": 'import numpy, pickle\np = pickle.load(open({name!r}, "rb"))',
     "npy": "import numpy\np = numpy.load({name!r}, allow_pickle=True).item()",
 }
-"""What wrote a pickle -> lines that load it."""
+"""Lines that load a pickle, by its writer."""
 SUFFIXES = {".pt": "torch", ".pth": "torch", ".joblib": "joblib", ".pkl": "pickle", ".pickle": "pickle"}
-NPY = b"\x93NUMPY"
-"""How an array in a file of its own begins (.npy)."""
-_PICKLE = re.compile(rb"\x80[\x02-\x05]")
-"""How a pickle begins, by its protocol."""
+NPY = b"\x93NUMPY"  # first bytes of a .npy file
+_PICKLE = re.compile(rb"\x80[\x02-\x05]")  # first bytes, by protocol
 
 
 def refuse_pickle(path: Path, head: bytes, make: Mapping[str, str], *, made: str, allowed: str = "") -> None:
-    """Raise InputError for a pickle, known by how it begins (head: 4 KiB, of a file that is there) or by its suffix.
+    """Raise InputError for a pickle, by its first bytes (head: 4 KiB) or its suffix.
 
-    make: part of the name of a file, "" at the end for any -> lines that make of `p`, what was loaded, an NPZ {made!r}.
-    made: its name.
+    make: part of a file's name, "" at the end for any -> lines that make of `p`, the loaded object, the NPZ {made!r}.
     """
     if not (kind := _kind(path, head)):
         return
@@ -42,7 +38,7 @@ def refuse_pickle(path: Path, head: bytes, make: Mapping[str, str], *, made: str
 
 
 def _kind(path: Path, head: bytes) -> str:
-    """What wrote a pickle, a key of LOAD; "" where it is none."""
+    """The writer of a pickle, a key of LOAD, or ""."""
     suffix = SUFFIXES.get(path.suffix.lower(), "")
     if head[:2] == b"PK":
         return "torch" if suffix == "torch" or _has_pickle(path) else ""
@@ -54,7 +50,7 @@ def _kind(path: Path, head: bytes) -> str:
 
 
 def _has_pickle(path: Path) -> bool:
-    """True for a zip archive that torch has saved."""
+    """True for a zip archive of torch."""
     try:
         with zipfile.ZipFile(path) as archive:
             return any(name.rpartition("/")[2] == "data.pkl" for name in archive.namelist())

@@ -1,10 +1,8 @@
 """A priority file: the ordered levels of one stage, each a list of tasks. `configs/priorities/*.yaml`.
 
-Levels are data: level 1 is never traded for a lower one. What a task's `of` names depends on the stage: sensors for
-`reconstruct`, landmarks or frames of the robot for `retarget`. What is absent this frame takes no part; what the body
-does not have is refused when the hierarchy is built, unless the task is `optional`.
-
-A file that `extends` another is an overlay: it says only what differs from its base.
+Level 1 is never traded for a lower one. `of` names sensors in `reconstruct`, landmarks or frames of the robot in
+`retarget`. Names that are absent in a frame take no part; names that the body lacks are refused unless the task is
+`optional`. A file that `extends` another is an overlay with the differences.
 """
 
 import json
@@ -41,12 +39,8 @@ from retarget.schema.strict_models import (
 )
 from retarget.schema.strict_yaml import Document, KeyPath, read_text, scan
 
-# The tasks of a priority file: what each kind asks, and its keys. What `of` names depends on the stage: sensors for
-# `reconstruct`, landmarks or frames of the robot for `retarget`.
-
 
 def _per_row(value: Any) -> Any:
-    """One number weighs all rows alike."""
     return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
@@ -59,69 +53,68 @@ def _not_all_zero(value: tuple[float, float, float]) -> tuple[float, float, floa
 RowWeights = Annotated[
     tuple[NotNegative, NotNegative, NotNegative], BeforeValidator(_per_row), AfterValidator(_not_all_zero)
 ]
-"""Weights of the x, y and z rows, or one number for all three; a row of weight 0 is not there."""
-Direction = Annotated[Vector3, AfterValidator(_not_all_zero)]
-"""A direction; its length does not matter."""
+"""Weights of rows x, y and z, or one number for all; a row of weight 0 does not exist."""
+Direction = Annotated[Vector3, AfterValidator(_not_all_zero)]  # of any length
 Against = Literal["self", "scene", "all"]
 Names = Annotated[tuple[Name, ...], BeforeValidator(one_or_more), Field(min_length=1, max_length=64)]
 
 
 class _Weighed(Schema):
-    """Keys of every task that has rows of its own."""
+    """Keys of every task with rows of its own."""
 
     gain: Share = 1.0
     """Share of the error that is corrected per iteration."""
     max_error: Positive | None = None
-    """[m or rad] Cap of the error asked per iteration; absent: the solver's own."""
+    """[m or rad] Largest corrected error per iteration; absent: the solver's own."""
     optional: Switch = False
-    """Names in `of` may be missing on the body or among the performer's sensors."""
+    """Names in `of` may be missing on the body or among the sensors."""
 
 
 Phase = Literal["double", "left", "right", "flight"]
-"""Phase of support: on both feet, on the left or the right one alone, or on none."""
+"""Phase of support: both feet, the left or the right one alone, or none."""
 
 
 class Phased(_Weighed):
     """Keys of tasks that may act in some phases of support only."""
 
     when: Annotated[tuple[Phase, ...], BeforeValidator(one_or_more), Field(min_length=1)] | None = None
-    """Phases of a human's support in which it acts, one or a list; absent: always. In the last level, beside a posture:
-    there weights come and go smoothly, as a strict level cannot."""
+    """Phases of a human's support in which it acts, one or a list; absent: always. Only in the last level, beside a
+    posture, where weights change smoothly."""
 
 
 class PositionTask(Phased):
-    """Points of the body go to the positions asked of them. Rows are the world's x, y, z."""
+    """Points of the body go to their desired positions. Rows are the world's x, y, z."""
 
     type: Literal["position"]
-    """Of the task."""
+    """Kind of task."""
     of: Names
     """Sensors (of a human); landmarks or frames (of a robot). One name or a list."""
     weight: RowWeights = (1.0, 1.0, 1.0)
-    """One number, or one per row x, y, z; a row of weight 0 is not there."""
+    """One number, or one per row x, y, z; a row of weight 0 does not exist."""
     per: Literal["metre", "length"] = "metre"
-    """`length`: the weight is [m], of an error as long as the `robot_length` of the landmark, so that it means the same
-    on a small robot."""
+    """`length`: the weight is [m], for an error as long as the landmark's `robot_length`, and so the same on a small
+    robot."""
 
 
 class LimbTask(Phased):
-    """Lines from anchors of the robot's profile to its landmarks take the length and direction asked, in the world,
-    wherever the anchors are: arms do not pull the trunk along. Rows are the world's x, y, z."""
+    """Lines from anchors of the robot's profile to its landmarks take the desired length and direction in the world,
+    wherever the anchors are, so arms do not pull the trunk along. Rows are the world's x, y, z."""
 
     type: Literal["limb"]
-    """Of the task."""
+    """Kind of task."""
     of: Names
     """Landmarks with one anchor; or `neck`, the line of the trunk from the pelvis to it."""
     weight: Positive = 1.0
-    """[m/rad] A limb that is off by a radian counts as much as a point that is off by so much."""
+    """[m/rad] Position error that counts as much as one radian of a limb."""
 
 
 class OrientationTask(Phased):
-    """Frames of the body take the orientations asked of them. Rows are rotations about the world's x, y, z."""
+    """Frames of the body take their desired orientations. Rows are rotations about the world's x, y, z."""
 
     type: Literal["orientation"]
-    """Of the task."""
+    """Kind of task."""
     of: Names
-    """As of position."""
+    """As in a position task."""
     weight: RowWeights = (1.0, 1.0, 1.0)
     """One number, or one per row."""
 
@@ -130,80 +123,80 @@ class AxisTask(Phased):
     """`axis` of each frame points along `direction` in the heading frame (z up): soles flat, trunk upright."""
 
     type: Literal["axis"]
-    """Of the task."""
+    """Kind of task."""
     of: Names
-    """As of position."""
+    """As in a position task."""
     axis: Direction
-    """In the frame of what `of` names; its length does not matter."""
+    """In the frame named in `of`, of any length."""
     direction: Direction
     """In the heading frame, z up."""
     lowered: Direction | None = None
-    """What `direction` becomes as the head of a human comes down, like `lowered` of a posture; absent: it stays."""
+    """Replaces `direction` as the head of a human comes down; absent: it stays."""
     bent: Direction | None = None
-    """What it becomes as a human who gets down bends over: with the head ahead of the feet, not above them."""
+    """Replaces it as a human bends over on the way down, with the head ahead of the feet."""
     weight: Positive = 1.0
-    """Of both rows."""
+    """Weight of both rows."""
 
 
 class HeadingTask(Phased):
     """The left axis of each frame points to the left of the heading estimate; bending forward stays free."""
 
     type: Literal["heading"]
-    """Of the task."""
+    """Kind of task."""
     of: Names
-    """As of position."""
+    """As in a position task."""
     weight: Positive = 1.0
-    """Of its rows."""
+    """Weight of its rows."""
 
 
 class LookAtTask(Phased):
-    """`axis` of each frame aims at the point asked of it."""
+    """`axis` of each frame aims at its desired point."""
 
     type: Literal["look_at"]
-    """Of the task."""
+    """Kind of task."""
     of: Names
-    """As of position."""
+    """As in a position task."""
     axis: Direction = (1.0, 0.0, 0.0)
-    """In the frame of what `of` names."""
+    """In the frame named in `of`."""
     weight: Positive = 1.0
-    """Of both rows."""
+    """Weight of both rows."""
 
 
 class CentreOfMassTask(Phased):
     """The centre of mass is kept over the root, over the feet, or inside their support polygon."""
 
     type: Literal["centre_of_mass"]
-    """Of the task."""
+    """Kind of task."""
     mode: Literal["over_root", "over_feet", "support"]
     """Over the root as in the paper; over the middle of the feet; or inside the support polygon, as inequalities."""
     weight: RowWeights = (1.0, 1.0, 0.0)
-    """Of x, y, z."""
+    """Weights of x, y, z."""
     forward: Number = 0.0
-    """[m] Of over_feet: so far along the heading."""
+    """[m] Offset along the heading, with over_feet."""
     margin: NotNegative = 0.0
-    """[m] Of support: so far inside the edge."""
+    """[m] Distance inside the edge, with support."""
     moving: Annotated[Positive, Field(le=1.0)] | None = None
-    """Of support: share of the polygon, about its middle, in which the capture point stays, and the zero-moment point
-    in a little more; absent: as at rest."""
+    """With support: share of the polygon, about its middle, for the capture point, and a little more for the
+    zero-moment point; absent: as at rest."""
     fade_speed: Positive | None = None
     """[m/s] The weight falls as 1 / (1 + (v / fade_speed)^4) with the speed v of the body; absent: never."""
 
 
 class StrengthTask(Schema):
-    """Joints of the legs carry no more than their servos can for long, of a robot that stands on two soles (see
+    """Joints of the legs carry no more than their servos can for long, of a robot on two soles (see
     `retarget.robot.balance`)."""
 
     type: Literal["strength"]
-    """Of the task."""
+    """Kind of task."""
     share: Annotated[Positive, Field(le=1.0)]
-    """Of the stall torque of each servo, what it may carry for long; more only where `stand` alone needs it."""
+    """Sustained share of each servo's stall torque; more only if `stand` alone needs it."""
 
 
 class PostureTask(_Weighed):
     """Joints are drawn to a posture of the body."""
 
     type: Literal["posture"]
-    """Of the task."""
+    """Kind of task."""
     towards: Name = "attractor"
     """Name of the posture."""
     lowered: Name | None = None
@@ -215,44 +208,44 @@ class PostureTask(_Weighed):
 
 
 class CarriedTask(Phased):
-    """The root of a human goes the way of the sensors that carry it, and leaves that way only slowly. It is what
-    `settle` of a posture is for joints: without it, what pulls at the whole body moves it at once, as balance does."""
+    """The root of a human follows the sensors that carry it. It leaves their path only slowly, so that balance does not
+    move the whole body at once, as `settle` of a posture does for joints."""
 
     type: Literal["carried"]
-    """Of the task."""
+    """Kind of task."""
     by: Annotated[dict[Name, Positive], Field(max_length=32)]
     """Share of each sensor. The head always carries, the others together less while they fly past it. Only proportions
-    matter; those that are not there take no part."""
+    matter; missing sensors take no part."""
     settle: Positive
-    """[s] Time constant with which the root leaves that way for a goal of the same weight."""
+    """[s] Time constant with which the root leaves that path for a goal of the same weight."""
     weight: RowWeights = (1.0, 1.0, 1.0)
     """One number, or one per row x, y, z."""
 
 
 class ReactiveTask(Schema):
-    """Observers that touch push their part out."""
+    """Observers in contact push their part out."""
 
     type: Literal["reactive"]
-    """Of the task."""
+    """Kind of task."""
     of: Names | None = None
     """Observers; absent: all."""
     against: Against = "all"
-    """Each other, what the scene holds, or both."""
+    """Each other, the scene, or both."""
     speed: Positive = 0.1
-    """[m/s] Of the way out, at most."""
+    """[m/s] Largest speed of the push."""
 
 
 class PreventiveTask(Schema):
     """Observers inside influence damp the approach of their part."""
 
     type: Literal["preventive"]
-    """Of the task."""
+    """Kind of task."""
     of: Names | None = None
     """Observers; absent: all."""
     against: Against = "all"
-    """Each other, what the scene holds, or both."""
+    """Each other, the scene, or both."""
     speed: Positive = 0.5
-    """[m/s] With `activation: all`: approach permitted where influence begins; it falls to nothing at the margin."""
+    """[m/s] With `activation: all`: speed of approach at the influence distance; it falls to 0 at the margin."""
 
 
 Task = Annotated[
@@ -272,21 +265,18 @@ Task = Annotated[
 ]
 
 
-# The `heading` section of a priority file: weights of the hints by which the heading is found from the sensors.
-
-
 class HeadingSettings(Schema):
-    """Each hint is a vector on the ground; their weighted sum points forward. The defaults are those of files without
-    this section, as `paper`: lines between left and right, hands ahead of the feet, and the velocity of the head."""
+    """Each hint is a vector on the ground; their weighted sum points forward. The defaults, as of `paper`: lines
+    between left and right, hands ahead of the feet, and the velocity of the head."""
 
     pairs: dict[Name, NotNegative] = Field(default_factory=lambda: {"ankle": 0.5, "wrist": 1.0}, max_length=16)
     """[1/m] By part with a left and a right sensor: weight of the line between the two."""
     hands: NotNegative = 1.0
-    """[1/m] Weight of how far forward of the ankles the hands are."""
+    """[1/m] Weight of the distance of the hands ahead of the ankles."""
     learned: NotNegative = 0.0
-    """Weight of what recorded people's hands and heads say of their heading (`retarget/human/heading.yaml`)."""
+    """Weight of the heading learned from recorded hands and heads (`retarget/human/heading.yaml`)."""
     stance: Annotated[NotNegative, Field(le=1.0)] = 0.0
-    """Share of the hints of hands, head and feet that is averaged for as long as both feet are planted."""
+    """Share of the hints of hands, head and feet that is averaged while both feet are planted."""
     velocity: NotNegative = 0.5
     """[s/m] Weight of the velocity of the head."""
     walking: Annotated[tuple[NotNegative, NotNegative], AfterValidator(ascending)] = (0.5, 1.0)
@@ -302,10 +292,10 @@ class HeadingSettings(Schema):
 
 
 Steps = Literal["planted", "walk", "follow"]
-"""What the feet of a robot do when its performer walks: stay; walk as well; or, where something else carries the robot,
-whatever the performer's do."""
+"""Behaviour of a robot's feet when its performer walks: stay; walk as well; or, on a robot that hangs, copy the
+performer's."""
 Legs = Literal["free"]
-"""That nothing carries a robot, so that pelvis and feet are where the performer's are; else its profile says what."""
+"""Nothing carries the robot, and pelvis and feet are where the performer's are."""
 
 
 class ObserverSettings(Schema):
@@ -329,13 +319,12 @@ class DeflectionCompensationSettings(Schema):
     settle: Annotated[Positive, Field(le=1.0)] = 0.02
     """[s] Time constant with which goals follow the load."""
     speed_margin: NotNegative = 0.25
-    """Share by which the load in motion exceeds that of a crouch at rest; joints that carry the robot are planned no
-    faster than their motors turn under it."""
+    """Share by which the load in motion exceeds that of a crouch at rest. It limits planned speeds to what motors reach
+    under that load."""
     soft_limits: Annotated[NotNegative, Field(le=0.5)] = 0.05
-    """[rad] Distance that joints that carry the robot keep from the ends of their range, as their servos overshoot."""
+    """[rad] Distance of joints that carry the robot from the ends of their range, as their servos overshoot."""
     tracking_delay: Annotated[NotNegative, Field(le=1.0)] = 0.03
-    """[s] Delay of the bus that is allowed: at the speed of the plan the guard does not stop a servo that lags by so
-    much more."""
+    """[s] Allowed delay of the bus: at planned speed the guard accepts a servo that lags by so much more."""
 
 
 class Level(Schema):
@@ -344,41 +333,41 @@ class Level(Schema):
     name: Text
     """For messages and reports."""
     tasks: Annotated[tuple[Task, ...], Field(max_length=32)]
-    """Tasks of equal rank; none: the level keeps its place and has no effect."""
+    """Tasks of equal rank."""
 
 
 class Priorities(Schema):
     """The levels of a stage, as a priority file has them."""
 
     name: Name
-    """By which it is chosen."""
+    """Name by which it is chosen."""
     description: Text
     """One line for lists."""
     extends: Text | None = None
     """The base of an overlay: its name (a file beside this one comes first), or its path relative to this file. Keys of
-    the overlay replace those of its base whole. Of priorities that are loaded: None."""
+    the overlay replace those of its base whole. Loaded priorities have none."""
     iterations: Annotated[Integer, Field(ge=1, le=100)] = 2
-    """Per frame, at most (the paper's N_IK)."""
+    """Most iterations per frame (the paper's N_IK)."""
     activation: Literal["closest", "all"] = "closest"
-    """Which preventive observers add their row: the closest per obstacle (paper), or all."""
+    """Preventive observers that add their row: the closest per obstacle (paper), or all."""
     observers: ObserverSettings = ObserverSettings()
     """Observers and margins."""
     heading: HeadingSettings = HeadingSettings()
-    """How the heading of a performer is found from the sensors."""
+    """Weights by which the heading of a performer is found from the sensors."""
     deflection_compensation: DeflectionCompensationSettings | None = None
     """Goals for a robot with mass on its own soles; absent: goals are postures."""
     steps: Steps | None = None
-    """What the feet do when the performer walks: stay; walk as well; or, of a robot that hangs, whatever the
-    performer's do. Absent: they stay, and those of a robot that hangs follow."""
+    """Behaviour of the feet when the performer walks: stay; walk as well; or, on a robot that hangs, copy the
+    performer's. Absent: they stay, and those of a robot that hangs follow."""
     strategies: Annotated[tuple[Literal["trunk", "crouch"], ...], Field(max_length=2)] = ()
-    """How a robot on its soles gets its hands to places that its arms alone do not reach (see
-    `retarget.robot.strategies`); absent: not at all."""
+    """Means by which a robot on its soles gets its hands farther than its arms reach (see `retarget.robot.strategies`);
+    absent: none."""
     servo_lead: Annotated[NotNegative, Field(le=2.0)] = 0.0
-    """What carries nothing (arms and head, all of a robot that hangs) aims ahead of the asked motion by this share of
-    the lag of its servos."""
+    """Free limbs (arms and head, all of a robot that hangs) aim ahead of the desired motion by this share of the lag of
+    their servos."""
     levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
     """Highest first: a level is never traded for a lower one. In an overlay an entry that is only a name is that level
-    of its base, an entry with tasks replaces the level of its name or adds one, and what is left out is dropped."""
+    of its base, an entry with tasks replaces or adds a level, and levels that are left out are dropped."""
 
     def tasks(self) -> Iterator[tuple[int, int, Task]]:
         """All tasks with their places: (level, index in the level, task), from 0."""
@@ -388,26 +377,25 @@ class Priorities(Schema):
 
 
 def load_priorities(path_or_name: str | Path) -> Priorities:
-    """A priority file by shipped or user's name, or by path. Raises UsageError, ConfigError with all its problems."""
+    """A priority file by name or path. Raises UsageError, ConfigError with all its problems."""
     return validated(Priorities, _merged(find(Kind.PRIORITIES, path_or_name)), check=_check)
 
 
 def self_contained(path: Path) -> bytes:
-    """What is in a priority file; an overlay is written out with its bases. Raises ConfigError, OSError."""
+    """The content of a priority file; an overlay is written out with its bases. Raises ConfigError, OSError."""
     if scan(read_text(path), path).data.get("extends") is None:
         return path.read_bytes()
     return json.dumps(_merged(path).data, indent=1, ensure_ascii=False).encode()
 
 
-# Overlays. The levels of an overlay stand at the same places before and after the merge, and a base is valid by
-# itself: so every problem has its place in the overlay's own file.
+# Levels of an overlay keep their places in a merge, and a base is valid by itself: every problem has its place in the
+# overlay's own file.
 
-MAX_BASES = 8
-"""Most overlays on each other."""
+MAX_BASES = 8  # most overlays on each other
 
 
 def _merged(path: Path, overlays: tuple[Path, ...] = ()) -> Document:
-    """A priority file, with what it takes from its base where it is an overlay. overlays: those that led here."""
+    """A priority file, completed from its base. overlays: those that led here."""
     document = read_as(Kind.PRIORITIES, path)
     if document.data.get("extends") is None:
         return document
@@ -418,7 +406,6 @@ def _merged(path: Path, overlays: tuple[Path, ...] = ()) -> Document:
     problems = list(document.problems)
     entries, theirs = own.get("levels"), base.data["levels"]
     if isinstance(entries, list) and isinstance(theirs, list):
-        # Levels that are only a name are those of the base.
         by_name = {str(level["name"]): level for level in theirs if isinstance(level, dict)}
         for index, entry in enumerate(entries):
             if isinstance(entry, str) and entry not in by_name:
@@ -429,7 +416,7 @@ def _merged(path: Path, overlays: tuple[Path, ...] = ()) -> Document:
 
 
 def _base(document: Document, overlays: tuple[Path, ...]) -> Path:
-    """The file that an overlay extends. Raises ConfigError: there is none, or it leads back, or through too many."""
+    """The file that an overlay extends. Raises ConfigError if there is none, in a circle, or beyond MAX_BASES."""
     named, here = str(document.data["extends"]), ("extends",)
     is_path = named.endswith((".yaml", ".yml"))
     beside = document.path.parent / (named if is_path else f"{named}.yaml")
@@ -440,12 +427,12 @@ def _base(document: Document, overlays: tuple[Path, ...]) -> Path:
         place = document.problem(here, problem.what)
         found = problem.found or problem.where
         raise ConfigError.from_problems([replace(problem, where=place.where, found=found, line=place.line)]) from None
-    way = (*overlays, document.path, base)
-    names, step = " -> ".join(path.stem for path in way), "Extend another file, or give this one a name of its own"
-    if base.resolve() in (path.resolve() for path in way[:-1]):
+    files = (*overlays, document.path, base)
+    names, step = " -> ".join(path.stem for path in files), "Extend another file, or give this one a name of its own"
+    if base.resolve() in (path.resolve() for path in files[:-1]):
         problem = document.problem(here, "a priority file that extends itself", found=names, next_step=step)
         raise ConfigError.from_problems([problem])
-    if len(way) > MAX_BASES + 1:
+    if len(files) > MAX_BASES + 1:
         problem = document.problem(here, "too many overlays on each other", found=names, allowed=f"{MAX_BASES}")
         raise ConfigError.from_problems([problem])
     return base
@@ -495,23 +482,17 @@ def _check(priorities: Priorities, document: Document) -> list[Problem]:
 
 
 def _opposite(one: Direction, other: Direction) -> bool:
-    """Whether two directions, of any length, point apart so that there is no shortest way from one to the other."""
+    """True if two directions have no shortest rotation between them."""
     (a, b, c), (x, y, z) = one, other
     lengths = sqrt(a * a + b * b + c * c) * sqrt(x * x + y * y + z * z)
     return a * x + b * y + c * z < -(1.0 - 1e-6) * lengths
 
 
-# Whether a priority file is for the body that it was given to: a robot's file moves no human, nor the other way.
-
-FOR_HUMANS = "human, human_clear, paper"
-"""The shipped priority files of the human's stage."""
+FOR_HUMANS = "human, human_clear, paper"  # the shipped priority files of the human's stage
 
 
 def check_for_human(priorities: Priorities, name: str) -> None:
-    """Raise ConfigError for tasks that name no sensor of any performer, and would have no effect.
-
-    name: of the priority file, or its path.
-    """
+    """Raise ConfigError for tasks that name no sensor, and would have no effect. name: of the file, or its path."""
     wrong = [
         (priorities.levels[level].name, task.of)
         for level, _, task in priorities.tasks()
@@ -531,7 +512,7 @@ def check_for_human(priorities: Priorities, name: str) -> None:
 
 @contextmanager
 def naming_file(name: str, *, robot: str) -> Iterator[None]:
-    """What a robot refuses in a priority file is said with the file, and with what to do. name: of it, or its path."""
+    """Add the file and the next step to what a robot refuses in a priority file. name: of the file, or its path."""
     try:
         yield
     except ConfigError as error:

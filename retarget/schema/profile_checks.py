@@ -26,8 +26,6 @@ from retarget.schema.profile_parts import Bus, Point2, Postures, Safety, Servo, 
 from retarget.schema.strict_models import keys_of, listed, unknown_name
 from retarget.schema.strict_yaml import Document, KeyPath
 
-# Servos, couplings and buses: what the servo side itself would refuse, with its place.
-
 TOLERANCE = 1e-9  # [s] by which a watchdog may miss a multiple of its step
 
 
@@ -131,7 +129,6 @@ def _duplicate_ids(document: Document) -> Iterable[Problem]:
 
 
 def _mode(here: KeyPath, servo: Servo, model: ServoModel, document: Document) -> Iterable[Problem]:
-    """What model and mode cannot do."""
     if servo.mode == "position" and abs(servo.homing_offset) > HOMING_REACH:
         what, allowed = "more than this mode honours", f"{-HOMING_REACH} to {HOMING_REACH} ticks"
         yield document.problem((*here, "homing_offset"), what, found=str(servo.homing_offset), allowed=allowed)
@@ -150,7 +147,6 @@ def _mode(here: KeyPath, servo: Servo, model: ServoModel, document: Document) ->
 
 
 def _protocol(here: KeyPath, servo: Servo, model: ServoModel, bus: Bus, document: Document) -> Iterable[Problem]:
-    """What the bus's protocol cannot do."""
     if bus.protocol not in model.protocols:
         spoken = " and ".join(map(str, model.protocols))
         found = f"{model.name} on bus {servo.bus!r} of protocol {bus.protocol}"
@@ -158,21 +154,21 @@ def _protocol(here: KeyPath, servo: Servo, model: ServoModel, bus: Bus, document
         return
     if model.layout_in(bus.protocol) is not Layout.OLDER:
         return
-    table, who = find_table(model.name, bus.protocol), f"the {model.name} with protocol {bus.protocol}"
+    table, subject = find_table(model.name, bus.protocol), f"the {model.name} with protocol {bus.protocol}"
     if servo.mode != "position":
-        what = f"{who} holds positions within one turn only"
+        what = f"{subject} holds positions within one turn only"
         yield document.problem((*here, "mode"), what, found=servo.mode, allowed="position")
     if servo.current is not None and model.current_unit is not None:
-        yield document.problem((*here, "current"), f"{who} limits no current", found=f"{servo.current} A")
+        yield document.problem((*here, "current"), f"{subject} limits no current", found=f"{servo.current} A")
     if servo.homing_offset:
-        what = f"{who} has no homing offset"
+        what = f"{subject} has no homing offset"
         yield document.problem((*here, "homing_offset"), what, found=str(servo.homing_offset))
     for key, value in servo.gains.model_dump(exclude_none=True).items():
         name = f"{key}_gain"
         if not table.has(name):
-            yield document.problem((*here, "gains", key), f"{who} has no such gain", found=str(value))
+            yield document.problem((*here, "gains", key), f"{subject} has no such gain", found=str(value))
         elif not table[name].allows(value):
-            what, allowed = f"wrong value for {who}", f"0 to {table[name].highest}"
+            what, allowed = f"wrong value for {subject}", f"0 to {table[name].highest}"
             yield document.problem((*here, "gains", key), what, found=str(value), allowed=allowed)
 
 
@@ -305,7 +301,7 @@ def _feet(profile: RobotProfile, document: Document) -> Iterable[Problem]:
 
 
 def is_convex(polygon: tuple[Point2, ...]) -> bool:
-    """Whether no three neighbours are in line and every corner lies to the left of every edge (or on it)."""
+    """True if every corner turns left, and none lies right of an edge."""
     edges = list(zip(polygon, polygon[1:] + polygon[:1], strict=True))
     after = polygon[2:] + polygon[:2]
     turns_left = all(_side(*edge, corner) > MIN_AREA for edge, corner in zip(edges, after, strict=True))

@@ -1,9 +1,9 @@
-"""Models of the sections of a robot profile, one for each kind of entry. SI units; frames as each docstring says."""
+"""Models of the sections of a robot profile. SI units."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import inf
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -41,9 +41,9 @@ from retarget.schema.strict_models import (
 
 DEFAULT_WATCHDOG = 0.1  # [s]
 WARN_BEFORE_C = 5.0
-"""[degrees Celsius] so much before the stop a servo is warm, where the profile does not say."""
+"""[degrees Celsius] Default distance of the warning from the stop."""
 MAX_HOMING_OFFSET = 1_044_479
-"""Largest value of register 20, ticks either way (e-Manual)."""
+"""[ticks] Largest value of register 20 (e-Manual)."""
 ServoId = Annotated[Integer, Field(ge=0, le=252)]
 Point2 = tuple[Number, Number]
 Register = Annotated[Integer, Field(ge=0, le=16383)]
@@ -51,12 +51,8 @@ Tick = Annotated[Integer, Field(ge=-MULTI_TURN_REACH, le=MULTI_TURN_REACH)]
 Row = tuple[Number, Number]
 
 
-def _chain(value: Any) -> Any:
-    return [one_or_more(point) for point in value] if isinstance(value, list | tuple) else value
-
-
 Names = Annotated[tuple[Name, ...], BeforeValidator(one_or_more), Field(min_length=1, max_length=8)]
-"""One name, or several whose mean point is meant."""
+"""One name, or several whose mean point counts."""
 
 
 class ProfileFrame(Schema):
@@ -65,9 +61,9 @@ class ProfileFrame(Schema):
     link: Name
     """Link of the body file that carries it."""
     pos: Vector3 = (0.0, 0.0, 0.0)
-    """[m] Where it is in the link's frame."""
+    """[m] Position in the link's frame."""
     quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    """How it is turned in the link's frame, wxyz."""
+    """Orientation in the link's frame, wxyz."""
 
 
 class Gains(Schema):
@@ -75,26 +71,25 @@ class Gains(Schema):
     Gain); absent: the servo keeps its own."""
 
     p: Register | None = None
-    """Proportional, as the register holds it."""
+    """Proportional."""
     i: Register | None = None
     """Integral."""
     d: Register | None = None
     """Derivative."""
     feedforward_1: Register | None = None
-    """Of velocity."""
+    """Velocity feedforward."""
     feedforward_2: Register | None = None
-    """Of acceleration."""
+    """Acceleration feedforward."""
 
 
 class Servo(Schema):
-    """The servo of one joint.
+    """The servo of one joint, or in `couplings` one of the two; limits and speeds are the joint's.
 
-    shaft tick = zero_tick + direction * gear * q / (angle of one tick). Of a joint in one of the `couplings` the servo
-    is one of the two that turn it; limits and speeds are the joint's.
+    shaft tick = zero_tick + direction * gear * q / (angle of one tick).
     """
 
     id: ServoId
-    """On its bus."""
+    """Id on its bus."""
     model: Name
     """Model by name (docs/dynamixel.md lists them)."""
     bus: Name
@@ -102,43 +97,43 @@ class Servo(Schema):
     direction: Literal[1, -1]
     """1: ticks rise with the joint's angle, -1: they fall."""
     zero_tick: Tick
-    """[tick] What the servo reports where the joint's angle is 0. A calibration replaces it."""
+    """[tick] Reading at joint angle 0. A calibration replaces it."""
     gear: Positive = 1.0
     """Turns of the shaft per turn of the joint."""
     limits: Interval
     """[rad] Lowest and highest angle of the joint."""
     max_velocity: Positive
-    """[rad/s] Of the joint."""
+    """[rad/s] Greatest speed of the joint."""
     max_acceleration: Positive
-    """[rad/s^2] Of the joint."""
+    """[rad/s^2] Greatest acceleration of the joint."""
     gains: Gains = Gains()
-    """Of its position loop."""
+    """Gains of the position loop."""
     current: Positive | None = None
-    """[A] Most that it may draw; absent: its own limit."""
+    """[A] Current limit; absent: the servo's own."""
     mode: Literal["position", "extended_position", "current_based_position"] = "position"
     """Within one turn; many turns; many turns with the current bounded, which needs `current`."""
     homing_offset: Annotated[Integer, Field(ge=-MAX_HOMING_OFFSET, le=MAX_HOMING_OFFSET)] = 0
-    """[tick] What the servo's own register holds; it is part of zero_tick."""
+    """[tick] Value of the servo's own register; it is part of zero_tick."""
 
 
 class Stiffness(Schema):
-    """Torque per angle with which shafts of a servo model hold against being turned off their goals."""
+    """Torque per angle of deflection from the goal, by servo model."""
 
     nominal: Positive
-    """[N m/rad] What goals are planned for, and what physics has."""
+    """[N m/rad] Value for planning and physics."""
     range_: Annotated[Interval, Field(alias="range")]
-    """[N m/rad] Between which the truth is; `retarget servo stiffness` measures it."""
+    """[N m/rad] Bounds of the true value; `retarget servo stiffness` measures it."""
     p: Annotated[Register, Field(ge=1)] | None = None
-    """P gain with which it is so stiff, in proportion to which it changes; absent: that of its servos, which all have
-    the same."""
+    """P gain of this stiffness, which is proportional to it; absent: the gain of its servos, which all have the
+    same."""
 
 
 class Coupling(Schema):
     """Two joints that their two servos turn together: angles of `joints` = matrix @ shaft angles, rad.
 
-    The shaft angle of a servo is direction * (tick - zero_tick) * (angle of one tick), and its gear is 1. Rows are the
-    two joints, columns their servos, both in the order of `joints`. A waist whose roll is a quarter of the difference
-    and whose yaw a quarter of the sum: {joints: [roll, yaw], matrix: [[-0.25, 0.25], [0.25, 0.25]]}.
+    The shaft angle of a servo is direction * (tick - zero_tick) * (angle of one tick), and its gear is 1. Example, a
+    waist with roll a quarter of the difference and yaw a quarter of the sum: {joints: [roll, yaw], matrix: [[-0.25,
+    0.25], [0.25, 0.25]]}.
     """
 
     joints: tuple[Name, Name]
@@ -151,13 +146,13 @@ class Power(Schema):
     """A switch for the servos' power: device `id` of the bus gets `value` at `register` before anything else."""
 
     id: ServoId
-    """Of the device on this bus that switches."""
+    """The device on this bus."""
     register_: Annotated[Integer, Field(ge=0, le=65535, alias="register")]
     """Address of one byte."""
     value: Annotated[Integer, Field(ge=0, le=255)]
-    """What is written there."""
+    """Value to write."""
     wait_s: Annotated[NotNegative, Field(le=10)] = 0.5
-    """[s] That servos take to start."""
+    """[s] Starting time of the servos."""
 
 
 class Bus(Schema):
@@ -177,15 +172,15 @@ class Bus(Schema):
     return_delay_us: Annotated[Integer, Field(ge=0, le=508, multiple_of=2)] = 0
     """[us] Pause before an answer, even."""
     power: Power | None = None
-    """Switch for the servos' power; absent: there is none."""
+    """Switch for the servos' power."""
 
     def layout(self, models: Iterable[ServoModel]) -> Layout:
-        """The layout of the control tables on it; models: of its servos."""
+        """The layout of its control tables."""
         older = self.protocol == 1 or any(model.layout is Layout.OLDER for model in models)
         return Layout.OLDER if older else Layout.X
 
     def spec(self, name: str, layout: Layout) -> BusSpec:
-        """The bus of that name for the hardware side; servos of the older layout have no watchdog."""
+        """The bus for the hardware side; servos of the older layout have no watchdog."""
         watchdog = self.watchdog_s
         if watchdog is None:
             watchdog = DEFAULT_WATCHDOG if layout is Layout.X else 0.0
@@ -202,25 +197,25 @@ class Bus(Schema):
 
 
 class Imu(Schema):
-    """The robot's inertial measurement unit, and where it is mounted."""
+    """The robot's inertial measurement unit."""
 
     kind: Literal["opencr", "bno08x"]
     """opencr: the board of an OP3, on one of the buses; bno08x: BNO080, BNO085 or BNO086 in UART-RVC mode, on a serial
     port of its own."""
     bus: Name | None = None
-    """Of an opencr: name of its bus."""
+    """Name of its bus, for opencr."""
     id: ServoId | None = None
-    """Of an opencr: its id on that bus."""
+    """Id on that bus, for opencr."""
     port: Text | None = None
-    """Of a bno08x: path of its serial port."""
+    """Path of its serial port, for bno08x."""
     baud: Annotated[Integer, Field(ge=9600, le=3_000_000)] | None = None
-    """[bit/s] Of a bno08x; absent: 115200."""
+    """[bit/s] Speed of that port; absent: 115200."""
     link: Name
     """Link of the body file that carries it."""
     pos: Vector3 = (0.0, 0.0, 0.0)
-    """[m] Where it is in the link's frame."""
+    """[m] Position in the link's frame."""
     quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    """How its axes are turned in the link's frame, wxyz; `retarget doctor --robot NAME --tilt` checks it."""
+    """Orientation in the link's frame, wxyz; `retarget doctor --robot NAME --tilt` checks it."""
 
     def spec(self) -> ImuSpec:
         """The sensor for the hardware side."""
@@ -237,10 +232,10 @@ class Imu(Schema):
 
 
 class ObserverShape(SolidShape):
-    """Exactly one of the shapes; `geom` takes over the named geom of the body file."""
+    """Exactly one of the shapes."""
 
     geom: Name | None = None
-    """Takes over the geom of this name from the body file."""
+    """Uses the geom of this name in the body file."""
 
 
 class Observer(Schema):
@@ -257,12 +252,12 @@ class Observer(Schema):
 
 
 class IgnorePair(Schema):
-    """Two links that are never checked against each other, and why."""
+    """Two links that are never checked against each other."""
 
     pair: tuple[Name, Name]
     """Two links."""
     reason: Text
-    """Why, for the reader of the file."""
+    """For the reader of the file."""
 
 
 class Foot(Schema):
@@ -275,36 +270,36 @@ class Foot(Schema):
 
 
 Posture = dict[Name, Number]
-"""Joint -> rad; joints that are not named are 0."""
+"""Joint -> rad; other joints are 0."""
 
 
 class Postures(Schema):
-    """The robot's own postures: angle by joint, rad; joints that are not named are 0."""
+    """The robot's own postures: angle by joint, rad; other joints are 0."""
 
     neutral: Posture
-    """[rad] In which servos are homed; pairs of links that touch here are dropped."""
+    """[rad] Posture for homing; pairs of links that touch here are dropped."""
     stand: Posture
-    """[rad] From which a run begins."""
+    """[rad] Posture in which a run begins."""
     rest: Posture
-    """[rad] In which torque goes off at the end of a run."""
+    """[rad] Posture in which torque goes off at the end of a run."""
     attractor: Posture
-    """[rad] To which free joints are drawn."""
+    """[rad] Posture to which free joints are drawn."""
     to_rest: Annotated[
         tuple[Literal["neutral", "stand", "rest", "attractor"], ...], Field(min_length=1, max_length=3)
     ] = ("rest",)
     """Keyframes through which the robot goes to rest, in order; the last is `rest`. Each takes up to 2 s, of a warm
     robot up to 8 s."""
     stays_at_rest: bool = False
-    """True if the robot lies, sits or leans by itself in `rest` when torque goes off; `retarget check` tries it in
-    simulation. Where it is not known, a robot on its soles ends a run standing, with torque."""
+    """True if the robot lies, sits or leans by itself in `rest` without torque; `retarget check` tries it in
+    simulation. Else a robot on its soles ends a run standing, with torque."""
 
 
 class Landmark(Schema):
-    """How one robot frame follows the human, limb by limb.
+    """A robot frame that follows the human, limb by limb.
 
-    asked = mean of `anchor` + (mean of `follows` - mean of `from`) * robot_length / (human length) + offset,
-    all in the heading frame; a pelvis from both ankles to both hips is as high as the leg that bears the performer is
-    long. The human length is the sum of the rest-pose distances along the chain `human_length`.
+    target = mean of `anchor` + (mean of `follows` - mean of `from`) * robot_length / (human length) + offset, all in
+    the heading frame; a pelvis from both ankles to both hips is as high as the leg that bears the performer is long.
+    The human length is the sum of the rest-pose distances along the chain `human_length`.
     """
 
     frame: Name
@@ -314,11 +309,15 @@ class Landmark(Schema):
     measured_from: Names = Field(alias="from")
     """Human joints from whose mean the human limb is measured."""
     anchor: Names
-    """Robot frames from whose mean the robot's limb begins. The trunk carries them; but if the first is the frame of a
-    landmark that stands above this one, the limb begins where that is asked."""
+    """Robot frames from whose mean the robot's limb begins. The trunk carries them; but if the first is the frame of an
+    earlier landmark, the limb begins at its target."""
     robot_length: Positive
-    """[m] How far `frame` gets from `anchor` when the human's limb is stretched."""
-    human_length: Annotated[tuple[Names, ...], BeforeValidator(_chain), Field(min_length=2, max_length=10)]
+    """[m] Distance of `frame` from `anchor` when the human's limb is stretched."""
+    human_length: Annotated[
+        tuple[Names, ...],
+        BeforeValidator(lambda value: [*map(one_or_more, value)] if isinstance(value, list | tuple) else value),
+        Field(min_length=2, max_length=10),
+    ]
     """Chain of human joints, or of means of joints, whose rest-pose distances add up to the human's limb."""
     offset: Vector3 = (0.0, 0.0, 0.0)
     """[m] From the robot's counterpart of the human point to `frame`, in the heading frame."""
@@ -330,13 +329,13 @@ class SpeedCaps(Schema):
     follow: Share = 1.0
     """While following."""
     approach: Share = 0.2
-    """On the way to a posture (start, rest) and to the performer."""
+    """While it moves to a posture (start, rest) and to the performer."""
     warm: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.25, le=1)] = 0.5
     """Share of the speed of following, while a servo is too warm or draws too much."""
 
 
 class Safety(Schema):
-    """Bounds of operation; beyond one of them the guard stops the robot. A key that is left out is not checked."""
+    """Bounds of operation; beyond one of them the guard stops the robot. An absent bound is not checked."""
 
     rate_hz: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=10, le=1000)]
     """[Hz] Ticks of the robot."""
@@ -345,8 +344,8 @@ class Safety(Schema):
     freshness_warn: Positive | None = None
     """[s] From here on: a warning."""
     holds_when_pressed: bool = True
-    """Whether the robot holds where currents show that an arm or a head presses; false of one that carries a load that
-    the body file does not know."""
+    """True if the robot holds when currents show contact of an arm or the head; false with a load that the body file
+    lacks."""
     speed_caps: SpeedCaps = SpeedCaps()
     """Shares of each servo's max_velocity, kept by stages and gate."""
     temperature_c: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)]
@@ -366,8 +365,8 @@ class Safety(Schema):
     following_error_warn: Positive | None = None
     """[rad] One that gives a warning after following_error_s."""
     planned_lag: Positive | None = None
-    """[rad] Greatest lag of a servo behind its goal in planned motion of a robot with mass; it caps joint speeds.
-    Absent: 0.95 of following_error_sustained, or no cap without that."""
+    """[rad] Greatest lag of a servo in planned motion of a robot with mass; it caps joint speeds. Absent: 0.95 of
+    following_error_sustained, or no cap without that."""
     current_a: Positive | None = None
     """[A] Greatest current of a servo for current_s; beyond it: stop."""
     current_warn_a: Positive | None = None
@@ -377,7 +376,7 @@ class Safety(Schema):
 
     @property
     def warm_c(self) -> float:
-        """Temperature from which on a servo is warm, degrees Celsius."""
+        """Temperature of the warning, degrees Celsius."""
         given = self.temperature_warn_c
         return self.temperature_c - WARN_BEFORE_C if given is None else given
 
@@ -400,9 +399,6 @@ class Safety(Schema):
             warn_following_error=_or_any(self.following_error_warn),
             slow_share=self.speed_caps.warm,
         )
-
-
-# What the servo side needs of a profile: its servos as the hardware's own data, and its bounds in words.
 
 
 def servo_specs(servos: Mapping[str, Servo], couplings: Sequence[Coupling]) -> tuple[ServoSpec, ...]:
@@ -434,7 +430,7 @@ def servo_specs(servos: Mapping[str, Servo], couplings: Sequence[Coupling]) -> t
 
 
 def with_stiffness(spec: ServoSpec, stiffness: Stiffness | None) -> ServoSpec:
-    """The servo with the stiffness that its profile gives its model, None: none."""
+    """The servo with the stiffness of its model in the profile, if any."""
     if stiffness is None:
         return spec
     of = spec if stiffness.p is None else replace(spec, gains=ServoGains(stiffness.p))
@@ -443,7 +439,7 @@ def with_stiffness(spec: ServoSpec, stiffness: Stiffness | None) -> ServoSpec:
 
 
 def safety_facts(safety: Safety) -> dict[str, str]:
-    """What warns, slows and stops, in words for the operator."""
+    """Conditions of slowing, warnings and stops, in words for the operator."""
     low, high = safety.voltage
     slows = [f"{safety.warm_c:g} degrees Celsius"]
     slows += [] if safety.current_warn_a is None else [f"{safety.current_warn_a:g} A for {safety.current_s:g} s"]

@@ -1,9 +1,8 @@
-"""A scene file: what stands or moves near the robot. `configs/scenes/*.yaml`.
+"""A scene file: obstacles near the robot. `configs/scenes/*.yaml`.
 
-Frames. `world` is the world of the run: for a robot its own, with the origin on the ground between its soles at the
-start, x forward, y left, z up; for the virtual human the performer's. `stand` is fixed to what the robot stands or
-hangs on: the mount of its base for a fixed or suspended root; for a free one the point on the ground between the soles
-at the start, x forward. Time 0 is when the clip begins; before it, every obstacle is where it begins.
+`world` is the world of the run: of a robot the ground between its soles at the start, x forward, y left, z up; of the
+virtual human the performer's. `stand` is fixed to the mount of a fixed or suspended root, or to the ground between the
+soles at the start. Time 0 is the beginning of the clip; before it, obstacles rest. SI units.
 """
 
 from collections.abc import Iterable, Mapping
@@ -23,17 +22,11 @@ from retarget.schema.shapes import Distance, Point, Size, SolidShape
 from retarget.schema.strict_models import Name, Quaternion, Schema, Switch, Text, validated
 from retarget.schema.strict_yaml import Document, KeyPath
 
-# Models of the entries of a scene: shapes, places and motions of obstacles. SI units.
-#
-# A shape is written in the obstacle's own frame, which `at`, `path` or a live update places in the world or on the
-# stand.
-
-MAX_SPEED = 100.0
-"""Fastest obstacle of a file, m/s."""
-MAX_TURN = 100.0
-"""Fastest turn of an obstacle of a file, rad/s."""
-MIN_NORMAL = 1e-6
-"""Shortest vector that still has a direction."""
+MAX_SPEED = 100.0  # [m/s] of an obstacle in a file
+MAX_TURN = 100.0  # [rad/s]
+MIN_LENGTH = 1e-6  # [m] shortest normal, segment, capsule or cylinder with a direction
+SAME_POINT = 1e-6
+"""[m] and [rad] Largest gap of a closed loop."""
 
 Speed = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_SPEED, le=MAX_SPEED)]
 Turn = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_TURN, le=MAX_TURN)]
@@ -41,7 +34,7 @@ Instant = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1e6)
 
 
 def _direction(value: tuple[float, float, float]) -> tuple[float, float, float]:
-    if length(value) < MIN_NORMAL:
+    if length(value) < MIN_LENGTH:
         raise PydanticCustomError("zero", "a direction without length", {"allowed": "such as [0, 0, 1]"})
     return value
 
@@ -53,7 +46,7 @@ class HalfSpace(Schema):
     """All that is behind a plane."""
 
     point: Point = (0.0, 0.0, 0.0)
-    """[m] Of its plane."""
+    """[m] A point of its plane."""
     normal: Direction
     """Points out of the solid; its length does not matter."""
 
@@ -69,9 +62,9 @@ class Place(Schema):
     """Pose of an obstacle's own frame in the frame that the obstacle names."""
 
     pos: Point = (0.0, 0.0, 0.0)
-    """[m] Of the obstacle's origin."""
+    """[m] Position of the obstacle's origin."""
     quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    """Of its axes, wxyz."""
+    """Orientation of its axes, wxyz."""
 
 
 class PathPoint(Schema):
@@ -80,22 +73,21 @@ class PathPoint(Schema):
     time: Instant
     """[s] From the start, rising from point to point."""
     pos: Point
-    """[m] Of the obstacle's origin."""
+    """[m] Position of the obstacle's origin."""
     quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    """Of its axes, wxyz."""
+    """Orientation of its axes, wxyz."""
 
 
 class Obstacle(Schema):
-    """Something that the robot must not touch. Velocities hold between `from` and `until`; a `path` takes the place of
-    both.
-    """
+    """An object that the robot must not touch. Velocities hold between `from` and `until`; a `path` takes the place of
+    both."""
 
     shape: ObstacleShape
     """Exactly one, in the obstacle's own frame."""
     frame: Literal["world", "stand"] = "world"
-    """What `at`, `path`, `velocity` and live updates are written in: the world, or the robot's stand."""
+    """Frame of `at`, `path`, `velocity` and live updates: the world, or the robot's stand."""
     at: Place = Place()
-    """Where the obstacle's own frame is at the start."""
+    """Pose of the obstacle's own frame at the start."""
     influence: Size = 0.1
     """[m] Distance at which observers begin to yield."""
     margin: Distance = 0.01
@@ -103,13 +95,13 @@ class Obstacle(Schema):
     ground: Switch = False
     """The robot stands on it: its soles do not keep away from it, everything else does."""
     velocity: tuple[Speed, Speed, Speed] | None = None
-    """[m/s] Of the obstacle's origin, along the axes of `frame`."""
+    """[m/s] Velocity of the obstacle's origin, along the axes of `frame`."""
     angular_velocity: tuple[Turn, Turn, Turn] | None = None
     """[rad/s] About those axes."""
     start: Instant = Field(default=0.0, alias="from")
-    """[s] When it begins to move."""
+    """[s] Beginning of its motion."""
     until: Instant | None = None
-    """[s] When it stops; absent: never."""
+    """[s] End of its motion; absent: never."""
     path: Annotated[tuple[PathPoint, ...], Field(max_length=10_000)] | None = None
     """Poses at times, instead of `at` and velocities."""
     loop: Switch = False
@@ -117,13 +109,9 @@ class Obstacle(Schema):
 
 
 Obstacles = Annotated[dict[Name, Obstacle], Field(max_length=256)]
-"""Obstacles by name."""
 
 
-# Poses of a single obstacle at a single instant, resting or moving, and how they are chained.
-
-STILL: Vector = (0.0, 0.0, 0.0)
-"""Velocity, m/s, of what rests."""
+NO_MOTION: Vector = (0.0, 0.0, 0.0)  # [m/s] or [rad/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +122,7 @@ class Pose:
     quat: Quat = (1.0, 0.0, 0.0, 0.0)
 
     def inside(self, child: "Pose") -> "Pose":
-        """Return a pose given in this frame in the parent: T_parent_this T_this_child."""
+        """A pose of this frame, in the parent: T_parent_this T_this_child."""
         return Pose(plus(self.position, rotated(self.quat, child.position)), product(self.quat, child.quat))
 
 
@@ -144,28 +132,28 @@ HERE = Pose()
 
 @dataclass(frozen=True, slots=True)
 class MovingPose:
-    """A pose and how it moves: velocity of its origin, m/s, and angular velocity, rad/s, along the parent's axes."""
+    """A pose, the velocity of its origin, m/s, and angular velocity, rad/s, along the parent's axes."""
 
     pose: Pose
-    linear: Vector = STILL
-    angular: Vector = STILL
+    linear: Vector = NO_MOTION
+    angular: Vector = NO_MOTION
 
 
 def carried_by(parent: Pose, moving: MovingPose) -> MovingPose:
-    """What moves in a frame that rests, seen from that frame's own parent."""
+    """A moving pose of a frame at rest, in that frame's own parent."""
     return MovingPose(
         parent.inside(moving.pose), rotated(parent.quat, moving.linear), rotated(parent.quat, moving.angular)
     )
 
 
 def on_body(moving: MovingPose, child: Pose) -> MovingPose:
-    """A pose that is fixed to what moves: v_child = v + w x r, the same w."""
+    """A pose fixed to a moving one: v_child = v + w x r, the same w."""
     arm = rotated(moving.pose.quat, child.position)
     return MovingPose(moving.pose.inside(child), plus(moving.linear, cross(moving.angular, arm)), moving.angular)
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """Vector product of two vectors."""
+    """The vector product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
@@ -174,14 +162,6 @@ def unit(quat: Quat) -> Quat:
     w, x, y, z = quat
     norm = sqrt(w * w + x * x + y * y + z * z)
     return (w / norm, x / norm, y / norm, z / norm)
-
-
-# Cross checks of a scene's obstacles: distances, lengths, keys that go together, times that rise.
-
-MIN_LENGTH = 1e-6
-"""Shortest segment, capsule or cylinder that has a direction, m."""
-SAME_POINT = 1e-6
-"""Positions (m) and orientations (rad) closer than this are the same: where a loop closes."""
 
 
 def check_obstacles(obstacles: Mapping[str, Obstacle], document: Document) -> list[Problem]:
@@ -262,12 +242,12 @@ def _path(obstacle: Obstacle, document: Document, here: KeyPath) -> Iterable[Pro
             )
             continue
         duration = after.time - before.time
-        way, turn = _apart(before, after)
-        for value, limit, unit_name in ((way / duration, MAX_SPEED, "m/s"), (turn / duration, MAX_TURN, "rad/s")):
+        distance, turn = _separation(before, after)
+        for value, limit, unit_name in ((distance / duration, MAX_SPEED, "m/s"), (turn / duration, MAX_TURN, "rad/s")):
             if value > limit:
                 what, found = "the path is too fast", f"{value:.4g} {unit_name} since the point before"
                 yield document.problem(place, what, found=found, allowed=f"at most {limit:g} {unit_name}")
-    if obstacle.loop and max(_apart(path[0], path[-1])) > SAME_POINT:
+    if obstacle.loop and max(_separation(path[0], path[-1])) > SAME_POINT:
         yield document.problem(
             (*here, len(path) - 1),
             "the loop does not close",
@@ -276,25 +256,24 @@ def _path(obstacle: Obstacle, document: Document, here: KeyPath) -> Iterable[Pro
         )
 
 
-def _apart(a: PathPoint, b: PathPoint) -> tuple[float, float]:
+def _separation(a: PathPoint, b: PathPoint) -> tuple[float, float]:
     """Distance, m, and angle, rad, between two poses."""
     turn = rotation_vector(product(unit(b.quat), inverse(unit(a.quat))))
     return length(minus(b.pos, a.pos)), length(turn)
 
 
-FLOOR = "floor"
-"""The obstacle on which a robot with feet stands, in every scene."""
+FLOOR = "floor"  # the obstacle on which a robot with feet stands, in every scene
 FLOOR_MARGIN_M = 0.005
-"""Distance, m, that all but soles keep from the floor: what servos sag by under load, and a hand's own skin."""
+"""[m] Distance of all but soles from the floor: deflection of servos under load, and the skin of a hand."""
 FLOOR_INFLUENCE_M = 0.05
-"""Distance, m, at which observers begin to yield to the floor, as those of the shipped robots do to each other."""
+"""[m] Distance at which observers begin to yield to the floor, as those of the shipped robots do to each other."""
 
 
 class Scene(Schema):
     """The obstacles near a robot, by name."""
 
     name: Name
-    """By which it is chosen."""
+    """Name by which it is chosen."""
     description: Text
     """One line for lists."""
     obstacles: Obstacles
@@ -302,16 +281,13 @@ class Scene(Schema):
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
-    """A scene by shipped or user's name, or by path. Raises UsageError, ConfigError with all its problems."""
+    """A scene by name or path. Raises UsageError, ConfigError with all its problems."""
     document = read_as(Kind.SCENE, name_or_path)
     return validated(Scene, document, check=lambda scene, document: check_obstacles(scene.obstacles, document))
 
 
 def on_floor(scene: Scene | None) -> Scene:
-    """A scene for a robot that stands on its feet: with the floor z = 0, unless the scene has an obstacle of that name.
-
-    scene: None, where there is only the floor.
-    """
+    """A scene with the floor z = 0, unless it has an obstacle of that name. scene: None for the floor alone."""
     floor = {
         "shape": {"half_space": {"normal": (0.0, 0.0, 1.0)}},
         "influence": FLOOR_INFLUENCE_M,

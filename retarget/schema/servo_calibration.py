@@ -1,7 +1,7 @@
-"""The calibration of one specimen of a robot: which tick each servo reads in a known posture. The user's own file.
+"""The calibration of one specimen of a robot: ticks of its servos in known postures.
 
-`$XDG_CONFIG_HOME/retarget/calibrations/<robot>.yaml`, written by `retarget servo home`; it takes the place of the
-profile's zero ticks. The file of another robot is refused.
+`$XDG_CONFIG_HOME/retarget/calibrations/<robot>.yaml`, written by `retarget servo home`, replaces the profile's zero
+ticks.
 """
 
 import os
@@ -30,10 +30,8 @@ Day = Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
 
 
 class HomedServo(Schema):
-    """One servo: at `tick` its joint was at `angle`, rad, because the robot was placed in `posture` on that day.
-
-    id, model, homing_offset: of the servo then; with another one the tick means nothing.
-    """
+    """One servo: at `tick` its joint was at `angle`, rad, in `posture`. Another id, model or homing offset makes it
+    invalid."""
 
     id: ServoId
     model: Name
@@ -45,17 +43,15 @@ class HomedServo(Schema):
 
 
 class ServoCalibration(Schema):
-    """A robot's name and its homed servos by joint; a joint that is not named keeps the profile's zero tick."""
+    """Homed servos by joint; other joints keep the profile's zero ticks."""
 
     robot: Name
     servos: Annotated[dict[Name, HomedServo], Field(min_length=1, max_length=250)]
 
 
 def read_calibration(profile: RobotProfile, path: Path | None = None) -> ServoCalibration | None:
-    """The calibration of this robot; None where the user has none. path: this file instead of the user's.
-
-    Raises ConfigError: not valid, or of another robot.
-    """
+    """The user's calibration of this robot, or that at `path`, if any. Raises ConfigError if not valid, or of another
+    robot."""
     path = calibration_path(profile.name) if path is None else path
     if not os.path.lexists(path):
         return None
@@ -64,7 +60,7 @@ def read_calibration(profile: RobotProfile, path: Path | None = None) -> ServoCa
 
 
 def calibrated(specs: Sequence[ServoSpec], calibration: ServoCalibration) -> tuple[ServoSpec, ...]:
-    """The servos with the zero ticks that the calibration says. Raises HardwareError where servos do not fit at all."""
+    """The servos with calibrated zero ticks. Raises HardwareError if they do not fit."""
     homed = [calibration.servos.get(spec.joint) for spec in specs]
     positions = np.array([0.0 if servo is None else servo.angle for servo in homed])
     zeros = JointMap(specs).zeros(np.array([0 if servo is None else servo.tick for servo in homed]), positions)
@@ -75,10 +71,7 @@ def calibrated(specs: Sequence[ServoSpec], calibration: ServoCalibration) -> tup
 
 
 def write_calibration(calibration: ServoCalibration, path: Path | None = None) -> Path:
-    """Write the robot's own file, whole or not at all; the one before is kept next to it. Returns its path.
-
-    path: write this file instead, and no other. Raises UsageError with the system's reason.
-    """
+    """Write the user's file, or only `path`, and return its path. Raises UsageError."""
     comment = "Which tick each servo of this one robot reads at angle, rad. Written by: retarget servo home"
     content = dump(calibration.model_dump(exclude_defaults=True), comment=comment).encode()
     if path is not None:
@@ -90,7 +83,7 @@ def write_calibration(calibration: ServoCalibration, path: Path | None = None) -
 
 
 def _problems(profile: RobotProfile, read: ServoCalibration, document: Document) -> list[Problem]:
-    """Everything by which the file is of another robot."""
+    """All signs of another robot."""
     found: list[Problem] = []
     if read.robot and read.robot != profile.name:
         allowed = profile.name
@@ -125,7 +118,7 @@ def _problems(profile: RobotProfile, read: ServoCalibration, document: Document)
 
 
 def impossible_zeros(specs: Sequence[ServoSpec], calibration: ServoCalibration) -> list[tuple[str, str]]:
-    """Joints that could not reach their limits with the calibrated zero ticks, each with the reason."""
+    """Joints that could not reach their limits with the calibrated zero ticks, with the reasons."""
     try:
         zeroed = calibrated(specs, calibration)
     except HardwareError:

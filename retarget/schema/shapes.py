@@ -1,4 +1,4 @@
-"""Models of bounded shapes: of the observers of a profile and of the obstacles of a scene. SI units."""
+"""Bounded shapes of observers and obstacles. SI units."""
 
 from typing import Annotated, Self
 
@@ -8,7 +8,7 @@ from pydantic_core import PydanticCustomError
 from retarget.schema.strict_models import Quaternion, Schema
 
 MAX_COORDINATE = 1000.0
-"""Largest coordinate and size, m: far beyond any room, so that no distance ever overflows."""
+"""[m] Largest coordinate and size, beyond any room, so that no distance overflows."""
 
 Coordinate = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
 Size = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=MAX_COORDINATE)]
@@ -29,25 +29,25 @@ class Rod(LineSegment):
     """A line with a radius: a capsule (round ends) or a cylinder (flat ends)."""
 
     radius: Size
-    """[m] Around the line."""
+    """[m] Radius around the line."""
 
 
 class Ball(Schema):
-    """A ball with its centre and radius, m."""
+    """A ball."""
 
     at: Point = (0.0, 0.0, 0.0)
     """[m] Its centre."""
     radius: Size
-    """[m] Of the ball."""
+    """[m] Its radius."""
 
 
 class Box(Schema):
-    """A box, by half of its sizes."""
+    """A box."""
 
     pos: Point = (0.0, 0.0, 0.0)
     """[m] Its centre."""
     quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    """How it is turned, wxyz."""
+    """Orientation, wxyz."""
     size: tuple[Size, Size, Size]
     """[m] Half of its sizes along its own x, y, z."""
 

@@ -1,8 +1,7 @@
-"""Models of configuration files: strict pydantic models, read through the strict YAML reader.
+"""Models of configuration files: pydantic models, read through the strict YAML reader.
 
-`Schema` is the base of every model; `read_model` reads a file as one. Cross checks that look at several keys are plain
-functions from a model to problems (see `profile_checks`): they run on whatever part of the file is valid, so that a
-user sees all errors of a file at once.
+Cross checks of several keys are functions from a model to problems (see `profile_checks`). They run on the valid part
+of a file, so that a user sees all errors at once.
 """
 
 import re
@@ -18,8 +17,6 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 from retarget.errors import ConfigError, Problem, renamed_to, suggest
 from retarget.schema.strict_yaml import MAX_PROBLEMS, Document, KeyPath, read_text, scan
 
-# pydantic's errors in our words: the place in the file, what stands there, what may, and the nearest valid name.
-
 _PLAIN_WORDS = {
     "tuple": "a list",
     "dictionary": "a mapping of keys",
@@ -28,7 +25,7 @@ _PLAIN_WORDS = {
     "number": "a number",
     "boolean": "true or false",
 }
-"""pydantic's names of types (after "a valid") for a reader of YAML."""
+"""Types of pydantic (after "a valid"), for a reader of YAML."""
 
 _BOUNDS = {
     "too_short": ("too few entries", "at least {min_length}"),
@@ -37,16 +34,16 @@ _BOUNDS = {
     "string_too_long": ("too long a text", "at most {max_length} characters"),
     "string_pattern_mismatch": ("wrong value", "text that matches {pattern}"),
 }
-"""pydantic's errors of length and form: what is wrong, and what is allowed."""
+"""Errors of length and form: problem, and allowed values."""
 
 
 def in_our_words(model: type[BaseModel], error: ValidationError, document: Document) -> list[Problem]:
     """The errors of `model` in `document`, at most MAX_PROBLEMS of them."""
     details = error.errors(include_url=False, include_input=False)[:MAX_PROBLEMS]
     inside = {detail["loc"][:end] for detail in details for end in range(len(detail["loc"]))}
-    # A list whose entries are all wrong is also reported as too short: that adds nothing.
-    telling = [detail for detail in details if not (detail["type"] == "too_short" and detail["loc"] in inside)]
-    return [_problem(model, detail, document) for detail in telling]
+    # A list whose entries are all wrong is also reported as too short, which adds nothing.
+    useful = [detail for detail in details if not (detail["type"] == "too_short" and detail["loc"] in inside)]
+    return [_problem(model, detail, document) for detail in useful]
 
 
 def unknown_name(document: Document, key_path: KeyPath, kind: str, name: str, known: Iterable[str]) -> Problem:
@@ -110,8 +107,8 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -
 
 
 def expected_by(message: str) -> str:
-    """What a message of pydantic says may stand there, in plain words; "" for one of our validators, whose message says
-    it all."""
+    """The values allowed by a message of pydantic, in plain words; "" for our validators, whose messages are
+    complete."""
     if not message.startswith("Input should be "):
         return ""
     expected = message.removeprefix("Input should be ").removeprefix("a valid ")
@@ -235,7 +232,7 @@ def _unit(quat: tuple[float, float, float, float]) -> tuple[float, float, float,
 
 
 def one_or_more(value: Any) -> Any:
-    """`name` means the same as `[name]`."""
+    """Read `name` as `[name]`."""
     return (value,) if isinstance(value, str) else value
 
 
@@ -269,7 +266,7 @@ def validated(model: type[M], document: Document, *, check: Check[M] | None = No
 
 
 def _valid_part(model: type[M], data: Mapping[str, Any]) -> M:
-    """The model of the valid part of `data`; a section that is not valid is empty. Only cross checks get it."""
+    """The model of the valid part of `data` for cross checks; invalid sections are empty."""
     valid: dict[str, Any] = {}
     for name, field in model.model_fields.items():
         section = data.get(field.alias or name)

@@ -39,7 +39,7 @@ _WORDS = {
     **dict.fromkeys(("false", "False", "FALSE"), False),
 }
 _DECIMAL = re.compile(r"[-+]?[0-9]+")
-_LED_BY_ZERO = re.compile(r"[-+]?0[0-9]+")
+_LEADING_ZERO = re.compile(r"[-+]?0[0-9]+")
 _OCTAL = re.compile(r"0o[0-7]+")
 _HEX = re.compile(r"0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
@@ -49,7 +49,7 @@ _Loader: type = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # same events; li
 
 
 class _Details(TypedDict, total=False):
-    """What a problem may say besides what and where: see `Problem`."""
+    """Optional parts of a `Problem`."""
 
     found: str
     allowed: str
@@ -85,8 +85,8 @@ def load(path: Path) -> Document:
 
 
 def scan(text: str, path: Path) -> Document:
-    """Strict YAML from text; `path` only names it in messages. What is refused stands in `Document.problems`. Raises
-    ConfigError when there is no mapping."""
+    """Strict YAML from text; `path` is for messages. Problems are in `Document.problems`. Raises ConfigError without a
+    mapping."""
     builder = _Builder(path, text)
     data: Node = None
     try:
@@ -170,7 +170,7 @@ class _Builder:
             raise _HopelessError
 
     def syntax_problem(self, error: yaml.YAMLError) -> None:
-        """What the parser itself refuses; it cannot go on after this."""
+        """Add the error of the parser, which cannot go on."""
         began = getattr(error, "context_mark", None)
         mark = getattr(error, "problem_mark", None) or began
         reason = getattr(error, "problem", None) or getattr(error, "reason", None) or str(error).splitlines()[0]
@@ -268,7 +268,7 @@ class _Builder:
         elif isinstance(value, int) and abs(value) > MAX_INTEGER:
             allowed = f"between -{MAX_INTEGER} and {MAX_INTEGER}"
             self.problem(line, key_path, "a number out of range", found=found, allowed=allowed)
-        elif _LED_BY_ZERO.fullmatch(text):
+        elif _LEADING_ZERO.fullmatch(text):
             what, allowed = "a number that begins with 0: octal to some readers", "12, or 0o12 for octal"
             self.problem(line, key_path, what, found=found, allowed=allowed)
         return value

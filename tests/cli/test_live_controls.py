@@ -102,12 +102,12 @@ def played(
         said = Announcer(machine, operator.stop, notify=rig.said.append)
 
         class Watched(Operator):
-            def ask(self, state: RunState | None) -> OperatorInput:
+            def poll(self, state: RunState | None) -> OperatorInput:
                 assert state is not None and prepared.machine is not None
                 if state in AT_RISK:
                     states.append(state.value)
                     each(len(states), prepared.machine)
-                return operator.ask(state)
+                return operator.poll(state)
 
         return rig, prepared.run(Watched(), [said]), states
 
@@ -160,11 +160,11 @@ def test_a_key_walks_and_a_dead_man_that_is_let_go_ends_the_walk_within_two_step
         operator = RunOperator(prepared, StopRequest(), controls=[keys, control], dead_man=True, stick=stick)
 
         class Watched(Operator):
-            def ask(self, state: RunState | None) -> OperatorInput:
+            def poll(self, state: RunState | None) -> OperatorInput:
                 walks.append(legs.walks)
                 steps.append(legs.tally().steps)
                 words.append(operator.state_and_reason())
-                return operator.ask(state)
+                return operator.poll(state)
 
         result = prepared.run(Watched(), [])
     moved = np.abs(np.diff(goals_of(result), axis=0)).max(axis=1)
@@ -213,7 +213,7 @@ def test_held_on_purpose_for_too_long_it_is_to_stop() -> None:
         seen = []
         for seconds in (0.0, 0.0, LONGEST_S - 1.0, 0.0, 0.0, LONGEST_S - 1.0, 1.1):
             rig.clock.advance(seconds)
-            seen.append(operator.ask(None).stop)
+            seen.append(operator.poll(None).stop)
         assert seen[:-1] == [None] * 6
         shows(seen[-1])
 
@@ -227,7 +227,7 @@ def test_a_pause_counts_whatever_is_held(held: bool) -> None:
         assert isinstance(prepared.samples, LivePerformer)
         seen = []
         for _ in range(3):
-            operator.ask(None)
+            operator.poll(None)
             seen.append((operator.engaged, prepared.samples.engagement.wanted))
         assert seen == [(held, held), (False, False), (held, held)]
         shows(rig.said[-1])
@@ -323,7 +323,7 @@ def test_a_stop_is_requested_before_anything_is_reported() -> None:
     with rig.prepared() as prepared:
         stop = StopRequest()
         operator = RunOperator(prepared, stop, controls=[Typed({1: " p"})], notify=Mock(side_effect=BrokenPipeError))
-        assert operator.ask(None) == OperatorInput(SPACE, fault=(StopCause.SOURCE, "BrokenPipeError"))
+        assert operator.poll(None) == OperatorInput(SPACE, fault=(StopCause.SOURCE, "BrokenPipeError"))
         assert stop.why == SPACE and not operator.engaged
 
 
@@ -331,7 +331,7 @@ def test_a_control_that_fails_hides_no_other() -> None:
     rig = rigged()
     broken, socket = Mock(poll=Mock(side_effect=OSError("gone"))), Script(lambda poll: [(Asked.TORQUE_OFF, "cut it")])
     with rig.prepared() as prepared:
-        asked = operator_of(rig, prepared, broken, socket).ask(RunState.STANDING)
+        asked = operator_of(rig, prepared, broken, socket).poll(RunState.STANDING)
     assert asked == OperatorInput("cut it", torque_off=True, fault=(StopCause.SOURCE, "gone"))
 
 
@@ -348,14 +348,14 @@ def test_a_socket_holds_stops_and_answers_and_gives_no_motion(tmp_path: Path) ->
         with connect_to(server.path) as client:
 
             class Watched(Operator):
-                def ask(self, state: RunState | None) -> OperatorInput:
+                def poll(self, state: RunState | None) -> OperatorInput:
                     nonlocal looks
                     looks += 1
                     if looks in words:
                         client.sendall(words[looks].encode() + b"\n")
                     if looks - 1 in words:
                         answers[looks - 1] = client.recv(500).decode()
-                    return operator.ask(state)
+                    return operator.poll(state)
 
             result = prepared.run(Watched())
         server.close()

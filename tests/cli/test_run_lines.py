@@ -187,7 +187,7 @@ def test_every_key_has_its_answer(lines: RunLines, said: Printed) -> None:
         no_room(lines)
         said()
         for _ in range(4):
-            operator.ask(None)
+            operator.poll(None)
     assert said() == ["paused", "going on"] * 2
 
 
@@ -218,12 +218,12 @@ def test_on_real_servos_it_is_said_before_that_it_will_stand_and_at_the_end_that
         stop, machine = StopRequest(), prepared.machine
         assert machine is not None
 
-        def ask(state: RunState | None) -> OperatorInput:
+        def poll(state: RunState | None) -> OperatorInput:
             if state is RunState.STANDING:
                 stop.force("held")
             return OperatorInput(stop.why or None, stop.torque_off)
 
-        command.play(prepared, Mock(ask=ask, stop=stop))
+        command.play(prepared, Mock(poll=poll, stop=stop))
     *warnings, reminder, last = said()  # the currents of this bus never change
     assert len(warnings) <= 1
     shows(reminder, "torque is on: hold the robot")

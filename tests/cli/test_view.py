@@ -41,9 +41,9 @@ def test_the_button_is_a_stop_and_who_asked_first_stays_the_reason(before: str, 
     options = RunOptions(robot="human")
     with prepare(performer(), options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
         operator = RunOperator(prepared, stop, page=cast(Any, feed))
-        assert operator.ask(None) == OperatorInput(before or None)
+        assert operator.poll(None) == OperatorInput(before or None)
         feed.pressed = True
-        assert operator.ask(None) == operator.ask(None) == OperatorInput(why)
+        assert operator.poll(None) == operator.poll(None) == OperatorInput(why)
 
 
 @pytest.mark.parametrize(("bus", "measure"), [("mock", False), ("none", False), ("emulator", True)])

@@ -18,7 +18,7 @@ from retarget.lerobot.robot import STALE_MS, Wiring, following_actions
 from retarget.model.observers import contacts, robot_observers
 from retarget.model.robot import RobotBody, load_robot
 from retarget.report.motion_metrics import LimitViolations, limit_violations
-from retarget.run.loop import Ending, Observer, Operator, Tick
+from retarget.run.loop import Ending, Operator, RunObserver, Tick
 from retarget.run.options import RunOptions
 from retarget.run.supervisor import LONGEST_HOLD_S, OperatorInput
 from retarget.types import FloatArray, RunState
@@ -67,7 +67,7 @@ def test_an_action_without_a_joint_is_refused_and_other_keys_are_left_alone() ->
 
 
 @dataclass
-class Scripted(Operator, Observer):
+class Scripted(Operator, RunObserver):
     """Sends actions at 30 Hz of virtual time, as a script says, and keeps what the robot does."""
 
     robot: RobotBody
@@ -83,7 +83,7 @@ class Scripted(Operator, Observer):
     goals: list[FloatArray] = field(default_factory=list)
     q: list[FloatArray] = field(default_factory=list)
 
-    def ask(self, state: RunState | None) -> OperatorInput:
+    def poll(self, state: RunState | None) -> OperatorInput:
         """Begin the script when following begins; before that the first action is sent."""
         assert self.actions is not None
         now = self.clock.now()

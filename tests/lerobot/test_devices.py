@@ -245,7 +245,7 @@ class Hanging(Operator):
 
     free: threading.Event
 
-    def ask(self, state: RunState | None) -> OperatorInput:
+    def poll(self, state: RunState | None) -> OperatorInput:
         self.free.wait()
         return OperatorInput()
 

@@ -24,7 +24,7 @@ from retarget.model.scene_state import (
     motion_of,
 )
 from retarget.rotations import turn
-from retarget.schema.scene import STILL, MovingPose, Obstacle, ObstacleShape, Pose, Scene, load_scene
+from retarget.schema.scene import NO_MOTION, MovingPose, Obstacle, ObstacleShape, Pose, Scene, load_scene
 
 POINTS = st.tuples(*[st.floats(-2, 2)] * 3)
 
@@ -148,7 +148,7 @@ def test_between_updates_it_goes_on_and_in_silence_it_comes_to_rest() -> None:
     live = LivePose()
     live.update((1, 0, 0), UPRIGHT, time=1.0, velocity=(1, 0, 0))
     soon, late = (seen(live, 1.0 + share * VELOCITY_HOLDS) for share in (0.5, 1.1))
-    assert (soon.linear, late.linear) == ((1, 0, 0), STILL)
+    assert (soon.linear, late.linear) == ((1, 0, 0), NO_MOTION)
     np.testing.assert_allclose(soon.pose.position, (1.0 + 0.5 * VELOCITY_HOLDS, 0, 0))
     np.testing.assert_allclose(late.pose.position, (1.0 + VELOCITY_HOLDS, 0, 0))
 
@@ -296,7 +296,7 @@ def test_velocity_is_the_derivative(path: ObstacleMotion, share: float) -> None:
 @given(paths(), st.floats(0.001, 100))
 def test_before_and_after_a_path_it_rests(path: ObstacleMotion, time: float) -> None:
     early, late = path.at(path.times[0] - time), path.at(path.times[-1] + time)
-    assert (early.linear, early.angular, late.linear, late.angular) == (STILL,) * 4
+    assert (early.linear, early.angular, late.linear, late.angular) == (NO_MOTION,) * 4
     assert apart(early, MovingPose(path.pieces[0].pose)) < 1e-12
     assert apart(late, MovingPose(path.pieces[-1].pose)) < 1e-12
 

@@ -126,7 +126,7 @@ def test_tracking_of_a_human_has_every_sensor_and_no_empty_panel(human_run: RunR
     joints = human_run.record.human_joints.copy()
     names = human_run.record.human_joint_names
     joints[:, [names.index(human_run.setup.performer.sensors[sensor].joint) for sensor in worn]] = (
-        human_run.sensors_asked
+        human_run.sensors_desired
     )
     exact = replace(human_run.record, human_joints=joints)
     figure = plot_tracking(replace(human_run, record=exact))

@@ -18,7 +18,7 @@ from operators import ENOUGH, Asks
 from planted import failing
 from retarget.human.samples import Clip
 from retarget.run.controllers import RETRY_S
-from retarget.run.loop import STOOD_S, Loop, Observer, Operator, Progress, RowObserver
+from retarget.run.loop import STOOD_S, Loop, Operator, Progress, RowObserver, RunObserver
 from retarget.run.record import Phase
 from retarget.run.rest_trajectory import EndPlan
 from retarget.run.supervisor import FORCED_STOP, LONGEST_TO_REST_S, End, OperatorInput
@@ -334,10 +334,10 @@ def test_a_look_that_fails_again_and_again_leads_to_rest_all_the_same(what: str)
 class BrokenControl(Operator):
     """Fails whenever it polls; Ctrl-C was pressed twice all the same."""
 
-    def ask(self, state: RunState | None) -> OperatorInput:
+    def poll(self, state: RunState | None) -> OperatorInput:
         raise OSError("no such pedal")
 
-    def asked(self) -> OperatorInput:
+    def requested(self) -> OperatorInput:
         return OperatorInput(torque_off=True)
 
 
@@ -365,7 +365,7 @@ def test_torque_goes_off_where_it_is_asked_for_though_every_tick_fails(monkeypat
 
 
 @pytest.mark.parametrize("kind", [Progress, RowObserver])
-def test_an_observer_that_fails_is_dropped_and_the_robot_goes_on(kind: type[Observer]) -> None:
+def test_an_observer_that_fails_is_dropped_and_the_robot_goes_on(kind: type[RunObserver]) -> None:
     broken = Mock(side_effect=OSError("no terminal"))
     observer = kind(broken)  # type: ignore[call-arg]
     ending = play(Rig(swing()), None, observer)

@@ -13,12 +13,12 @@ import pytest
 
 from hardware.errors import BusError
 from hardware.guard import Torque
-from retarget.cli.controls import Asked
+from retarget.cli.controls import ControlRequest
 from retarget.cli.exit import StopRequest
 from retarget.cli.operator import RunOperator
 from retarget.human.samples import Clip
 from retarget.run.controllers import RobotMotion
-from retarget.run.loop import Ending, Observer, Tick
+from retarget.run.loop import Ending, RunObserver, Tick
 from retarget.run.record import TickRecorder
 from retarget.types import RunState
 from rig import Rig, StubReconstructor, play
@@ -42,12 +42,12 @@ class Stage:
     torque_off: bool = False
 
 
-class Run(Observer):
+class Run(RunObserver):
     """A run in which everything moves, with the operator of the command line. It looks on at each tick."""
 
     def __init__(self) -> None:
         self.rig, self.request, self.page, self.screen = Rig(SWING), StopRequest(), Page(), Screen()
-        self.broken, self.control, self.failing = Control(), Control(), Observer()
+        self.broken, self.control, self.failing = Control(), Control(), RunObserver()
         self.rig.machine = replace(self.rig.machine, notify=lambda text: self.screen.show(text))
         prepared: Any = SimpleNamespace(samples=None, machine=self.rig.machine, clock=self.rig.clock)
         page: Any = self.page
@@ -97,9 +97,9 @@ class Run(Observer):
 class Control:
     """A control of the command line, which asks once."""
 
-    asked: tuple[Asked, str] | None = None
+    asked: tuple[ControlRequest, str] | None = None
 
-    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
+    def poll(self, now: float) -> Iterator[tuple[ControlRequest, str]]:
         asked, self.asked = self.asked, None
         return iter([] if asked is None else [asked])
 
@@ -139,16 +139,16 @@ STAGES = {
     "brake": Stage(lambda run: [controller(run), (run.rig.gate, "brake")], torque_off=True),
     "write, no bus": Stage(lambda run: [(run.rig.bus, "write")], BusError, torque_off=True),
     "write": Stage(lambda run: [(run.rig.guard, "write")]),
-    "lead_from": Stage(lambda run: [(RobotMotion, "lead_from")]),
+    "reseed_follower": Stage(lambda run: [(RobotMotion, "reseed_follower")]),
     "recorder": Stage(lambda run: [(TickRecorder, "keep_robot")]),
     "observer": Stage(lambda run: [(run.failing, "see")], stops=False),
     "notify": Stage(lambda run: [(run.screen, "show")], stops=False),
 }
 SOURCES: dict[str, Callable[[Run], object]] = {
-    "signal": lambda run: run.request.ask(WHY),
+    "signal": lambda run: run.request.request(WHY),
     "page": lambda run: setattr(run.page, "pressed", True),
     **{
-        name: lambda run: setattr(run.control, "asked", (Asked.STOP, WHY))
+        name: lambda run: setattr(run.control, "asked", (ControlRequest.STOP, WHY))
         for name in ("key", "pedal", "file", "socket")
     },
 }

@@ -20,7 +20,7 @@ from retarget.report.measure import measure
 from retarget.report.motion_metrics import limit_use, standing_of
 from retarget.robot.walking.gait import with_steps
 from retarget.robot.walking.pattern import Request
-from retarget.run.loop import Observer, Operator, Tick
+from retarget.run.loop import Operator, RunObserver, Tick
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare
 from retarget.run.run_result import RunResult
@@ -33,7 +33,7 @@ from sim.performer import strolling_performer, synthetic_performer
 FORWARD, STAND = Request(forward=0.1), Request()
 
 
-class Stick(Observer):
+class Stick(RunObserver):
     """Asks for a velocity from the time on that following begins, and notes states and postures."""
 
     def __init__(self, asked: Callable[[float], Request]) -> None:
@@ -63,7 +63,7 @@ class Steers(Operator):
     def __init__(self, stick: Stick, after: float) -> None:
         self._stick, self._after = stick, after
 
-    def asked(self) -> OperatorInput:
+    def requested(self) -> OperatorInput:
         """What is asked for."""
         stop = "it is enough" if self._stick.t > self._after else None
         return OperatorInput(stop, velocity=self._stick.velocity)

@@ -15,7 +15,7 @@ from hardware.no_bus import NoBus
 from retarget.cli.buses import posture_ticks
 from retarget.human.samples import Playback
 from retarget.model.robot import RobotBody, load_robot
-from retarget.run.loop import Observer, Tick
+from retarget.run.loop import RunObserver, Tick
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.run_result import RunResult
@@ -198,7 +198,7 @@ def test_the_way_back_brakes_within_the_limits_and_ends_where_the_limb_was() -> 
 # Whole runs with mass.
 
 
-class Watcher(Observer):
+class Watcher(RunObserver):
     """Keeps states and forces of the wall, N."""
 
     def __init__(self) -> None:

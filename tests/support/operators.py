@@ -18,7 +18,7 @@ class Asks(Operator):
     torque_off: Callable[[], bool] = lambda: False
     why: str = ENOUGH
 
-    def ask(self, state: RunState | None) -> OperatorInput:
+    def poll(self, state: RunState | None) -> OperatorInput:
         if state is None or state in AT_RISK:
             return OperatorInput(stop=self.why if self.stop() else None)
         return OperatorInput(torque_off=self.torque_off())
