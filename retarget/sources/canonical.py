@@ -14,7 +14,7 @@ from retarget.frames import stature as stature_of
 from retarget.model.human_dimensions import PARENTS, POINTS, proportional_dimensions
 from retarget.model.rest_skeleton import limb_turns
 from retarget.sources.axes import world_axes
-from retarget.sources.files import AS_WRITTEN, ReadOptions, frame_times, lost_notes
+from retarget.sources.files import AS_WRITTEN, ReadOptions, lost_notes
 from retarget.sources.rest_skeleton import find_rest_skeleton, segment_joint
 from retarget.sources.skeletons import JointPoses, JointTree
 from retarget.types import FloatArray
@@ -104,7 +104,7 @@ def canonical_frames(
     orientation = rotations.multiply(rotations.multiply(rotations.from_matrix(world), turns), right)
     known = [not rest.joints[name].lacking for name in names]
     return SensorFrames(
-        time=frame_times(len(position), rate),
+        time=np.arange(len(position)) / rate,
         names=sensors,
         position=position[:, [names.index(name) for name in sensors]],
         orientation=rotations.normalise(orientation),
@@ -145,7 +145,7 @@ def joint_frames(
     sensors = tuple(name for name in SENSORS if name in names)
     position, columns = position * unit, [names.index(name) for name in sensors]
     return SensorFrames(
-        time=frame_times(len(position), rate),
+        time=np.arange(len(position)) / rate,
         names=sensors,
         position=position[:, columns],
         orientation=np.full((len(position), len(sensors), 4), np.nan),

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from retarget.errors import InputError
 from retarget.types import BoolArray, FloatArray
 
 MAX_FILE_BYTES = 128 * 2**20
 """Largest motion file, bytes: 128 MiB are about 20 minutes of AMC at 120 Hz."""
+HEAD_BYTES = 4096
+"""Bytes of the beginning of a file, by which its format is recognised."""
 MAX_FRAMES = 200_000
 """Most frames of a recording: 28 minutes at 120 Hz."""
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
@@ -43,18 +43,9 @@ class ReadOptions:
 AS_WRITTEN = ReadOptions()
 
 
-def read_bytes(path: Path) -> bytes:
-    """Content of a motion file. Raises InputError if it is missing, no plain file, empty, too large or unreadable."""
-    return _read(path, MAX_FILE_BYTES + 1)
-
-
-def read_head(path: Path) -> bytes:
-    """The first 4 KiB of a motion file. Raises InputError as `read_bytes` does; without the file it names the
-    sample."""
-    return _read(path, 4096, missing="Check the path; the word sample names a recording that comes with the program")
-
-
-def _read(path: Path, count: int, *, missing: str = "Check the path") -> bytes:
+def read_bytes(path: Path, count: int = MAX_FILE_BYTES + 1, *, missing: str = "Check the path") -> bytes:
+    """The first bytes of a motion file, at most `count`. Raises InputError if it is missing, no plain file, empty, too
+    large or unreadable. missing: the next step if there is no such file."""
     where = str(path)
     try:
         status = path.stat()
@@ -193,8 +184,3 @@ def check_rate(rate: float, where: str) -> float:
         step = "" if where == "--rate" else "Say the frames per second with --rate"
         raise InputError("impossible frame rate", where=where, found=f"{rate:g} Hz", allowed=allowed, next_step=step)
     return rate
-
-
-def frame_times(count: int, rate: float) -> FloatArray:
-    """Times (count,) s of frames at a constant rate, Hz, from 0."""
-    return np.arange(count) / rate

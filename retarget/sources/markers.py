@@ -20,7 +20,7 @@ from retarget.schema.strict_models import Name, Schema, Text, listed, read_model
 from retarget.schema.strict_yaml import Document
 from retarget.sources.axes import world_axes
 from retarget.sources.canonical import UNITS, named_unit
-from retarget.sources.files import ReadOptions, check_rate, frame_times, lost_notes
+from retarget.sources.files import ReadOptions, check_rate, lost_notes
 from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.types import BoolArray, FloatArray
 
@@ -54,7 +54,7 @@ def read_marker_table(path: Path) -> Groups:
         unknown = [sensor for sensor in table.markers if sensor not in SENSORS]
         return [unknown_name(document, ("markers", sensor), "sensor", sensor, SENSORS) for sensor in unknown]
 
-    table, _ = read_model(MarkerTable, path, check=check)
+    table = read_model(MarkerTable, path, check=check)
     own = {sensor: (tuple(str(label).upper() for label in labels),) for sensor, labels in table.markers.items()}
     return {**MARKER_GROUPS, **own}
 
@@ -142,7 +142,7 @@ def marker_frames(recording: MarkerRecording, path: Path, options: ReadOptions) 
         notes.append(f"no markers of {', '.join(without)}; the other labels are {_shown(others)} (see --markers)")
     notes += lost_notes(sensors, valid)
     return SensorFrames(
-        time=frame_times(len(position), rate),
+        time=np.arange(len(position)) / rate,
         names=sensors,
         position=matmul(position, axes.T),
         orientation=np.full((*valid.shape, 4), np.nan),

@@ -20,12 +20,13 @@ from retarget.sources.axes import UP_AXES
 from retarget.sources.canonical import canonical_frames, joint_frames, named_unit
 from retarget.sources.files import (
     AS_WRITTEN,
+    HEAD_BYTES,
     MAX_VALUE,
     ReadOptions,
     check_frame_count,
     check_rate,
     no_frame_rate,
-    read_head,
+    read_bytes,
 )
 from retarget.sources.rest_skeleton import HEAD_RISE
 from retarget.sources.skeletons import (
@@ -59,6 +60,12 @@ TRUNK_WORDS = ("spine", "chest", "torso")
 """Words in names of joints between pelvis and neck."""
 UNLIKE = 1.5
 """Largest ratio of the lengths of a bone, between sides and over time."""
+KIMODO_SKELETONS = {
+    77: layout(TABLES["layouts"]["soma"]),
+    30: layout(TABLES["layouts"]["soma_30"]),
+    22: (SMPL_NAMES[:22], SMPL_PARENTS[:22]),
+}
+"""Number of joints -> names and parents of Kimodo's skeletons: SOMA, and SMPL."""
 G1_COUNT = 34
 """Joints of Kimodo's skeleton of Unitree's G1, a robot."""
 TURNED = 0.01
@@ -67,7 +74,7 @@ TURNED = 0.01
 
 def read_npz(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
     """Read a motion. Raises InputError with the file and the array."""
-    read_head(path)
+    read_bytes(path, HEAD_BYTES)
     file = open_arrays(
         path,
         lambda names: _keys_to_read(names, path),
@@ -227,7 +234,21 @@ def _read_kimodo(file: ArrayFile, options: ReadOptions) -> SensorFrames:
     if (rate := options.rate) is None:
         notes = (f"frame rate not stated: taken as {KIMODO_RATE_HZ:g} Hz (change it with --rate)",)
     rate = KIMODO_RATE_HZ if rate is None else check_rate(rate, "--rate")
-    names, parents = _kimodo_skeleton(position.shape[1], file)
+    count, where = position.shape[1], f"{file.source}: posed_joints"
+    if count == G1_COUNT:
+        raise InputError(
+            "the motion of a robot, not of a performer",
+            where=where,
+            found=f"{count} joints, as Kimodo's G1 has them",
+            allowed="77 or 30 (SOMA), 22 (SMPL)",
+            next_step="Generate the motion with Kimodo's model of SOMA or SMPL",
+        )
+    if count not in KIMODO_SKELETONS:
+        allowed = "77 or 30 (SOMA), 22 (SMPL)"
+        raise InputError(
+            "joints of no known skeleton", where=where, found=f"{count} joints", allowed=allowed, next_step=ADVICE
+        )
+    names, parents = KIMODO_SKELETONS[count]
     matrices = file.floats("global_rot_mats", *position.shape[:2], 3, 3)
     if float(np.abs(squares(matrices) - 1.0).max()) > TURNED:
         raise InputError("no rotation matrices", where=f"{file.source}: global_rot_mats", next_step=ADVICE)
@@ -244,38 +265,4 @@ def _read_kimodo(file: ArrayFile, options: ReadOptions) -> SensorFrames:
         source=file.source,
         options=options,
         notes=notes,
-    )
-
-
-def _kimodo_skeleton(count: int, file: ArrayFile) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Names and parents of a skeleton with this number of joints."""
-    soma, parents = layout(TABLES["layouts"]["soma"])
-    if count == len(soma):
-        return soma, parents
-    if count == len(TABLES["soma_30"]):
-        names = tuple(TABLES["soma_30"])
-        above = dict(TABLES["layouts"]["soma"])
-        kept = []
-        for name in names:
-            parent = above[name]
-            while parent and parent not in names:
-                parent = above[parent]
-            kept.append(names.index(parent) if parent else -1)
-        return names, tuple(kept)
-    if count == 22:
-        return SMPL_NAMES[:count], SMPL_PARENTS[:count]
-    if count == G1_COUNT:
-        raise InputError(
-            "the motion of a robot, not of a performer",
-            where=f"{file.source}: posed_joints",
-            found=f"{count} joints, as Kimodo's G1 has them",
-            allowed="77 or 30 (SOMA), 22 (SMPL)",
-            next_step="Generate the motion with Kimodo's model of SOMA or SMPL",
-        )
-    raise InputError(
-        "joints of no known skeleton",
-        where=f"{file.source}: posed_joints",
-        found=f"{count} joints",
-        allowed="77 or 30 (SOMA), 22 (SMPL)",
-        next_step=ADVICE,
     )

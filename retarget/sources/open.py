@@ -19,7 +19,7 @@ from retarget.sources.axes import named_axis
 from retarget.sources.bvh import read_bvh
 from retarget.sources.c3d import read_c3d
 from retarget.sources.canonical import named_unit
-from retarget.sources.files import ReadOptions, check_rate, read_head
+from retarget.sources.files import HEAD_BYTES, ReadOptions, check_rate, read_bytes
 from retarget.sources.gltf import read_gltf
 from retarget.sources.mvnx import read_mvnx
 from retarget.sources.npz_motion import read_npz
@@ -140,7 +140,8 @@ def _refuse_live(address: str) -> None:
 
 def recognise(path: Path) -> str:
     """Format of a motion file, one of FORMATS. Raises InputError if it cannot be read or is of none."""
-    head, suffix = read_head(path), path.suffix.lower().lstrip(".")
+    step = "Check the path; the word sample names a recording that comes with the program"
+    head, suffix = read_bytes(path, HEAD_BYTES, missing=step), path.suffix.lower().lstrip(".")
     first = next((word for line in head.splitlines() if (word := line.strip()) and not word.startswith(b"#")), b"")
     if first.upper().startswith(b"HIERARCHY"):
         return "bvh"

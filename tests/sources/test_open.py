@@ -221,7 +221,7 @@ def test_binary_content_is_refused_with_its_line(tmp_path: Path) -> None:
 def test_the_head_of_a_file_is_short(tmp_path: Path) -> None:
     path = tmp_path / "a"
     path.write_bytes(b"x" * 10_000)
-    assert len(files.read_head(path)) == 4096 and len(files.read_bytes(path)) == 10_000
+    assert len(files.read_bytes(path, files.HEAD_BYTES)) == 4096 and len(files.read_bytes(path)) == 10_000
 
 
 def test_numbers_are_finite_and_of_plausible_size() -> None:

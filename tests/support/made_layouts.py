@@ -350,7 +350,7 @@ def write_joints(folder: Path, motion: Made, *, count: int = 22) -> Path:
 
 
 def write_kimodo(folder: Path, motion: Made, *, count: int = 77) -> Path:
-    rig = {77: soma_rig(), 30: soma_rig(tuple(TABLES["soma_30"])), 22: smpl_rig()}.get(count, smpl_rig(24))
+    rig = {77: soma_rig(), 30: soma_rig(tuple(TABLES["layouts"]["soma_30"])), 22: smpl_rig()}.get(count, smpl_rig(24))
     position, orientation, _ = rig.poses(motion, Y_UP)
     turned = rotations.to_matrix(orientation)
     path = folder / "kimodo.npz"

@@ -193,7 +193,7 @@ class MvnDecoder:
             return []
         payload = datagram[HEADER_BYTES:]
         if header.kind in self._parts:
-            frame = self._sample(header, payload)
+            frame = self._frame(header, payload)
             return [] if frame is None else [frame]
         if header.kind == SCALE:
             self._take_scale(payload)
@@ -203,8 +203,7 @@ class MvnDecoder:
             self.dropped.note(f"type {header.kind:02d} ({TYPES[header.kind]}){step}" if known else "type unknown")
         return []
 
-    def _sample(self, header: MvnHeader, payload: bytes) -> StreamFrame | None:
-        whole: bytes | None = payload
+    def _frame(self, header: MvnHeader, payload: bytes) -> StreamFrame | None:
         if header.items * STRIDES[header.kind] != header.size:
             self.dropped.note("items do not fill the datagram")
             return None
@@ -213,9 +212,9 @@ class MvnDecoder:
             return None
         if header.part or not header.last:
             whole = self._parts[header.kind].add(header, payload)
-        return None if whole is None else self._frame(header, whole)
-
-    def _frame(self, header: MvnHeader, payload: bytes) -> StreamFrame | None:
+            if whole is None:
+                return None
+            payload = whole
         words = np.frombuffer(payload, ">u4").reshape(-1, STRIDES[header.kind] // 4)
         ids = words[:, 0].tobytes()
         if ids != self._layout.ids:

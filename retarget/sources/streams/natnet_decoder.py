@@ -1,6 +1,6 @@
 """NatNet datagrams -> frames of named world poses: names, parents of bones, and the rest pose of a skeleton."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Literal, TypeVar
@@ -44,16 +44,6 @@ _Key = tuple[Owner, int, int]
 """A pose: kind and number of its owner, and its own number there."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Pose:
-    """Name of one pose. defined: True if the definitions have it. parent: of a bone that is not a root."""
-
-    text: str
-    key: _Key
-    defined: bool
-    parent: _Key | None
-
-
 _Named = TypeVar("_Named", BodyDefinition, GroupDefinition)
 
 
@@ -70,33 +60,6 @@ def _by_number(items: Sequence[_Named], owner: Owner = Owner.RIGID_BODIES) -> di
 def _within(number: int, owner: Owner) -> int:
     """Number of a body within its owner: the wire has owner << 16 | bone, the definitions only the bone."""
     return number if owner is Owner.RIGID_BODIES else number & 0xFFFF
-
-
-def _poses(definitions: Definitions, groups: Sequence[PoseGroup], numbers: Sequence[int]) -> Iterator[_Pose]:
-    """The poses of a frame in order: `rigid://NAME`, `bone://SKELETON/BONE` or `asset://ASSET/BODY`, with `#NUMBER` for
-    a name that is unknown or taken. numbers: as on the wire, group after group."""
-    known = {
-        Owner.RIGID_BODIES: (GroupDefinition("", 0, definitions.rigid_bodies),),
-        Owner.SKELETON: definitions.skeletons,
-        Owner.ASSET: definitions.assets,
-    }
-    owners = {
-        (owner, number): (group.name, _by_number(group.bones, owner))
-        for owner, defined in known.items()
-        for number, group in _by_number(defined).items()
-    }
-    owned = [group for group in groups for _ in range(group.count)]
-    for group, wire in zip(owned, numbers, strict=True):
-        name, bodies = owners.get((group.owner, group.number), ("", {}))
-        number = _within(wire, group.owner)
-        body = bodies.get(number)
-        within = "" if group.owner is Owner.RIGID_BODIES else f"{name or f'#{group.number}'}/"
-        text = f"{group.owner.value}://{within}{(body.name if body else '') or f'#{number}'}"
-        # Only skeletons have parents. A bone that is not defined gets a parent that does not exist.
-        parent = -1 if body is None else _within(body.parent, group.owner)
-        has_parent = group.owner is Owner.SKELETON and (body is None or (parent in bodies and parent != number))
-        key = (group.owner, group.number, number)
-        yield _Pose(text, key, body is not None, (*key[:2], parent) if has_parent else None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,26 +80,50 @@ class PosePlan:
 def plan_poses(
     definitions: Definitions, groups: Sequence[PoseGroup], numbers: Sequence[int], *, limit: int = MAX_POSES
 ) -> PosePlan:
-    """The plan for these groups and wire numbers: each name once, at most `limit` of them."""
-    found = list(_poses(definitions, groups, numbers))
+    """The plan for these groups and their wire numbers, each name once, at most `limit` of them.
+
+    Names are `rigid://NAME`, `bone://SKELETON/BONE` or `asset://ASSET/BODY`, with `#NUMBER` for a name that is unknown
+    or taken."""
+    known = {
+        Owner.RIGID_BODIES: (GroupDefinition("", 0, definitions.rigid_bodies),),
+        Owner.SKELETON: definitions.skeletons,
+        Owner.ASSET: definitions.assets,
+    }
+    owners = {
+        (owner, number): (group.name, _by_number(group.bones, owner))
+        for owner, defined in known.items()
+        for number, group in _by_number(defined).items()
+    }
+    owned = [group for group in groups for _ in range(group.count)]
     first: dict[str, int] = {}
-    for row, pose in enumerate(found):
-        first.setdefault(pose.text, row)
+    found: list[tuple[str, _Key, bool, _Key | None]] = []  # name, key, True if defined, key of the parent
+    for row, (group, wire) in enumerate(zip(owned, numbers, strict=True)):
+        name, bodies = owners.get((group.owner, group.number), ("", {}))
+        number = _within(wire, group.owner)
+        body = bodies.get(number)
+        within = "" if group.owner is Owner.RIGID_BODIES else f"{name or f'#{group.number}'}/"
+        text = f"{group.owner.value}://{within}{(body.name if body else '') or f'#{number}'}"
+        # Only skeletons have parents. A bone that is not defined gets a parent that does not exist.
+        parent = -1 if body is None else _within(body.parent, group.owner)
+        has_parent = group.owner is Owner.SKELETON and (body is None or (parent in bodies and parent != number))
+        key = (group.owner, group.number, number)
+        found.append((text, key, body is not None, (*key[:2], parent) if has_parent else None))
+        first.setdefault(text, row)
     rows = list(first.values())[:limit]
     kept = [found[row] for row in rows]
-    places = {pose.key: row for row, pose in enumerate(kept)}
-    waiting = {row: places.get(pose.parent) for row, pose in enumerate(kept) if pose.parent is not None}
+    places = {key: row for row, (_, key, _, _) in enumerate(kept)}
+    waiting = {row: places.get(parent) for row, (_, _, _, parent) in enumerate(kept) if parent is not None}
     bones: list[tuple[int, int]] = []
     while ready := [(row, parent) for row, parent in waiting.items() if parent is not None and parent not in waiting]:
         bones += ready
         for row, _ in ready:
             del waiting[row]
     return PosePlan(
-        names=tuple(pose.text for pose in kept),
+        names=tuple(text for text, *_ in kept),
         rows=None if len(kept) == len(found) else np.array(rows, np.intp),
         doubled=len(found) - len(first),
         surplus=len(first) - len(kept),
-        all_defined=all(pose.defined for pose in kept),
+        all_defined=all(is_defined for _, _, is_defined, _ in kept),
         bones=tuple(bones),
         lost=tuple(waiting),
     )

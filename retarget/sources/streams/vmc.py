@@ -32,24 +32,10 @@ from retarget.types import BoolArray
 MAX_SERIAL = 128
 """Characters of the longest accepted serial."""
 
-_FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
-
 BODY_BONES: tuple[str, ...] = tuple(TABLES["unity"])
 """Bones of trunk, head and limbs, parents first."""
 
-BONES: tuple[str, ...] = (
-    *BODY_BONES,
-    *("LeftEye", "RightEye", "Jaw"),
-    *(
-        f"{side}{finger}{part}"
-        for side in ("Left", "Right")
-        for finger in _FINGERS
-        for part in ("Proximal", "Intermediate", "Distal")
-    ),
-)
-"""Bones of Unity's HumanBodyBones in canonical spelling."""
-
-_BY_LOWER_CASE = {name.lower(): f"bone://{name}" for name in BONES}
+_BY_LOWER_CASE = {name.lower(): f"bone://{name}" for name in (*BODY_BONES, *TABLES["unity_face_and_fingers"])}
 """Bone in lower case -> its name as a pose."""
 _RESERVED = ("bone://", "root://")
 
