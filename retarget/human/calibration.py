@@ -38,8 +38,8 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 def calibrate(frames: SensorFrames) -> HumanDimensions:
     """Return the performer's size, from the skeleton where the source has one, else from a rest pose.
 
-    A recording without a rest pose gives average proportions at the stature of its tallest frame, and `origin` tells
-    so. Raises InputError: not a human, or sensors missing.
+    A recording without a rest pose gives average proportions at the stature of its tallest frame, noted in `origin`.
+    Raises InputError: not a human, or sensors missing.
     """
     if frames.skeleton is not None:
         return dimensions_from_skeleton(frames.skeleton, source=frames.source)

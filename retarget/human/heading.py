@@ -51,11 +51,12 @@ def _between(nodes: list[float], value: float) -> tuple[int, float]:
     return before, (value - nodes[before]) / (nodes[before + 1] - nodes[before])
 
 
+# Turn and weight of a hint by the place of the left hand; the right hand's are the conjugate.
 _HAND = _Table(
     _LEARNED["reach"],
     _LEARNED["height"],
     (np.array(_LEARNED["hand"]["forward"]) - 1j * np.array(_LEARNED["hand"]["side"])).tolist(),
-)  # turn and weight of a hint by the place of the left hand; the right hand's are the conjugate
+)
 _HEAD = _Table(_LEARNED["lead"], _LEARNED["head_height"], _LEARNED["head"])
 
 

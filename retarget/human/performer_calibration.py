@@ -120,7 +120,7 @@ def read_person(name: str) -> Person | None:
         what, found = "a person's file of another layout", "none" if layout is None else repr(layout)[:60]
         problem = document.problem(("layout",), what, found=found, allowed=str(LAYOUT), next_step=STEP)
         raise ConfigError.from_problems([problem])
-    person, _ = read_model(Person, path, check=_problems)
+    person = read_model(Person, path, check=_problems)
     return person
 
 

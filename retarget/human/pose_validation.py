@@ -29,7 +29,7 @@ class ValidityLimits:
     Speed. fastest: m/s. shortest_step: least time between poses, as stamps taken on arrival are off by 15 ms and a
     sender of 200 Hz may repeat a tracker of 60 Hz. swap, hardest (m/s^2): a sensor that is reported at the place of its
     other side has jumped if it is farther than swap + hardest / 2 * time^2 from its own. back_within: time after which
-    a place tells nothing about such a sensor. settled_after: time for which a sensor must move on from where it jumped
+    a place shows nothing about such a sensor. settled_after: time for which a sensor must move on from where it jumped
     to.
 
     Age, on the local clock. silent_after: longest time without a frame before the robot holds. stale_after: the same of

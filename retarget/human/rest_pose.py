@@ -35,13 +35,15 @@ ROOT, HEADING, STATURE, PROPORTIONS, ANGLES, COUNT = slice(0, 3), 3, 4, slice(5,
 """Layout of the parameters: pelvis position (3) m, heading (rad), log of the stature in m, logs of the proportions (7:
 the groups below, then breadth), and angles (rad) of 4 limbs x 2 segments x (sideward, forward)."""
 
+# Far ends of the two segments of each limb.
 LIMBS: tuple[tuple[str, str], ...] = (
     ("l_elbow", "l_wrist"),
     ("r_elbow", "r_wrist"),
     ("l_knee", "l_ankle"),
     ("r_knee", "r_ankle"),
-)  # far ends of the two segments of each limb
+)
 
+# Points that share one proportion: trunk, head, upper arm, forearm, thigh, shank.
 _GROUPS: tuple[tuple[str, ...], ...] = (
     ("pelvis", "spine", "chest", "neck", "collar"),
     ("head",),
@@ -49,7 +51,7 @@ _GROUPS: tuple[tuple[str, ...], ...] = (
     ("wrist", "hand"),
     ("knee",),
     ("ankle", "toe"),
-)  # points that share one proportion: trunk, head, upper arm, forearm, thigh, shank
+)
 
 SEGMENT_SPREAD = 0.05  # relative, between people, of a segment's share of stature
 BREADTH_SPREAD = 0.08

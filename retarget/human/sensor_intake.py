@@ -37,7 +37,7 @@ class IntakeTimes:
     turn: float = FASTEST_RAD_S
 
 
-SLOW = IntakeTimes(hold=0.08, fade=0.25, speed=0.25, turn=2.0)
+SLOW_INTAKE = IntakeTimes(hold=0.08, fade=0.25, speed=0.25, turn=2.0)
 """For streams, and for all sensors after a hold. An elbow then uses at most half of its servo's speed. A stream's
 sensor becomes invalid within 0.2 s, and so takes no part after 0.3 s."""
 
@@ -50,7 +50,7 @@ class SensorIntake:
     """
 
     def __init__(self, count: int, times: IntakeTimes | None = None) -> None:
-        self._times, self._slow_times = times or IntakeTimes(), SLOW
+        self._times, self._slow_times = times or IntakeTimes(), SLOW_INTAKE
         self.position = np.zeros((count, 3))
         self.present: BoolArray = np.zeros(count, dtype=bool)
         self.all_present = False
@@ -87,7 +87,8 @@ class SensorIntake:
         self._doubt[:], self._begun[:] = 0.0, np.inf
         self.all_present, self._has_lost = False, True
         self._slow[:] = True
-        self._slow_times = replace(SLOW, fade=SLOW.fade * speed, speed=SLOW.speed / speed, turn=SLOW.turn / speed)
+        slow = SLOW_INTAKE
+        self._slow_times = replace(slow, fade=slow.fade * speed, speed=slow.speed / speed, turn=slow.turn / speed)
 
     def step(
         self, position: FloatArray, orientation: FloatArray, valid: BoolArray, *, reached: FloatArray, dt: float
@@ -208,10 +209,11 @@ def without_spikes(time: FloatArray, position: FloatArray) -> FloatArray:
 TRUNK_STRETCH = 1.25  # greatest distance of two points of the trunk, as a multiple of that at rest
 REACH_KNEE = 0.05  # share of the greatest distance, at its end, into which farther goals are drawn
 
+# The joint at which each limb begins, and its joints from there on.
 _LIMB_CHAINS = {
     "shoulder": ("elbow", "wrist", "hand"),
     "hip": ("knee", "ankle", "toe"),
-}  # joint at which each limb begins, and its joints from there on
+}
 
 
 class Reach:

@@ -12,7 +12,7 @@ RISE_M = 0.3
 """Least rise of the left wrist. A wrist that sinks by as much shows a vertical axis with the wrong sign."""
 FRONT_M = 0.25  # least way forward of the left wrist; an arm to the side looks the same in a mirror
 BACK_M = 0.15  # a raised arm is no farther back, as shoulders do not turn there
-STILL_M = 0.15  # most rise of the other wrist
+OTHER_RISE_M = 0.15  # most rise of the other wrist
 STAYS_M = 0.25  # most horizontal motion of the other wrist, for a performer who turns around
 SURE_S = 0.2  # a single jump proves nothing
 
@@ -59,7 +59,7 @@ def _what_moved(moved: FloatArray) -> str:
     """Motion of one wrist while the other stayed, or "". moved (2, 3) m: from where they hang."""
     for row, side in enumerate(("left", "right")):
         (forward, _, up), other = moved[row], moved[1 - row]
-        if not (abs(other[2]) < STILL_M and hypot(other[0], other[1]) < STAYS_M):  # nor NaN
+        if not (abs(other[2]) < OTHER_RISE_M and hypot(other[0], other[1]) < STAYS_M):  # nor NaN
             continue
         if up < -RISE_M:
             return f"{side} sank"

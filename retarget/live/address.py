@@ -8,21 +8,20 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from ipaddress import AddressValueError, IPv4Address, IPv4Network
-from math import isfinite
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from retarget.errors import UsageError, suggest
 
 SIOCGIFADDR = 0x8915  # request for the IPv4 address of an interface (netdevice(7))
-MOST = 256  # interfaces that are looked at
+MOST_INTERFACES = 256  # interfaces that are looked at
 
 
 def local_interfaces() -> dict[str, str]:
     """First IPv4 address of every interface that has one, by its name."""
     found = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        for _, name in socket.if_nameindex()[:MOST]:
+        for _, name in socket.if_nameindex()[:MOST_INTERFACES]:
             with suppress(OSError):
                 answer = fcntl.ioctl(probe, SIOCGIFADDR, struct.pack("40s", name.encode()[:15]))
                 found[name] = socket.inet_ntoa(answer[20:24])
@@ -112,13 +111,14 @@ def _chosen(value: Value, fits: bool) -> Value:
 def _speed(value: str) -> float:
     plain = re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", value, re.ASCII) is not None
     speed = float(_chosen(value, plain))
-    return _chosen(speed, isfinite(speed) and 1.0 <= speed <= MAX_SPEED)
+    return _chosen(speed, 1.0 <= speed <= MAX_SPEED)
 
 
 def _one_of(*values: str) -> Callable[[str], str]:
     return lambda value: _chosen(value, value in values)
 
 
+# Allowed values in words, and the reader, which raises ValueError.
 _OPTIONS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "allow": (f"any, or up to {MOST_ALLOWED} of ADDRESS or ADDRESS/BITS, with commas between them", _networks),
     "multicast": (
@@ -130,13 +130,13 @@ _OPTIONS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "bones": ("global or local, as Skeleton Coordinates in Motive's streaming settings", _one_of("global", "local")),
     "speed": (f"1 to {MAX_SPEED:g} (slower, frames are too old when they arrive)", _speed),
     "kind": (", ".join(RECORDED), _one_of(*RECORDED)),
-}  # allowed values in words, and the reader, which raises ValueError
+}
 
 WEB_PORT = 8790  # TCP port of the page of `web://`, where it is free
 VIEW_PORT = 8080  # of `--view` and `retarget view`
 LOOPBACK = "127.0.0.1"
 EVERYWHERE = "0.0.0.0"
-LONGEST = 4096  # characters: the longest path that Linux takes (PATH_MAX)
+LONGEST_ADDRESS = 4096  # characters: the longest path that Linux takes (PATH_MAX)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +149,7 @@ class AddressKind:
     sender: str
 
 
+# Usual ports by the facts on streams, sections 2 to 5.
 KINDS = {
     "vmc": AddressKind("vmc://:39539", 39_539, ("allow",), "the sender's VMC output"),
     "vrchat": AddressKind("vrchat://:9000", 9_000, ("allow",), "the sender's OSC trackers"),
@@ -157,7 +158,7 @@ KINDS = {
     "json": AddressKind("json://:14150", None, ("allow",), "the sender"),
     "web": AddressKind("web://", WEB_PORT, (), "the page"),
     "replay": AddressKind("replay://walk.raw", None, ("speed", "kind", "up", "bones"), "the recording"),
-}  # usual ports by the facts on streams, sections 2 to 5
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,15 +211,15 @@ def parse_address(text: str) -> StreamAddress:
     (permitted senders) or `?allow=any`. Raises UsageError for any mistake, with its place and the next step.
     """
     match = re.fullmatch(r"([A-Za-z][A-Za-z0-9+.-]*)://([^\x00-\x1f]*)", text)
-    if match is None or len(text) > LONGEST:
+    if match is None or len(text) > LONGEST_ADDRESS:
         what, allowed = "this is no address of a stream", "SCHEME://[ADDRESS][:PORT][?OPTION=VALUE&...]"
         raise bad_address(text, what, allowed=allowed, next_step=_intended(text) or _for_example())
     kind, rest = match[1].lower(), match[2]
     if kind not in KINDS:
         step = suggest(kind, KINDS) or _for_example()
         raise bad_address(text, "unknown kind of stream", found=match[1], allowed=", ".join(KINDS), next_step=step)
-    place, asked, query = rest.rpartition("?") if "?" in rest else (rest, "", "")
-    options = read_options(text, query, KINDS[kind].options) if asked else {}
+    place, mark, query = rest.rpartition("?") if "?" in rest else (rest, "", "")
+    options = read_options(text, query, KINDS[kind].options) if mark else {}
     if kind == "replay":
         if not place:
             raise bad_address(text, "the file is missing", allowed=KINDS[kind].example)

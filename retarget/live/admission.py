@@ -46,15 +46,13 @@ class Receiver(Protocol):
 
 
 RELEASE_AFTER_S = 5.0  # silence after which another source may own the stream of a robot at rest
-MOST_NAMED = 16  # refused sources that are reported by address; more are only counted
+MOST_NAMED_SOURCES = 16  # refused sources that are reported by address; more are only counted
 
 NOT_ALLOWED = "sender not on the allow-list"
 SECOND_SOURCE = "a second source"
 NEW_SOCKETS = "the sender opens a new socket for each datagram"
-MANY_PORTS, PORTS_WITHIN_S = (
-    4,
-    1.0,
-)  # so many refused ports of the owner's computer in this time are new sockets of one sender
+# So many refused ports of the owner's computer in this time are new sockets of one sender.
+MANY_PORTS, PORTS_WITHIN_S = 4, 1.0
 TOO_LONG = "datagram empty or longer than 64 KiB"
 TOO_MANY = "more datagrams than can be decoded in time"
 
@@ -84,7 +82,7 @@ class Admission:
 
     @property
     def named(self) -> tuple[tuple[str, str], ...]:
-        """Refused addresses, each once per reason, the first MOST_NAMED in order."""
+        """Refused addresses, each once per reason, the first MOST_NAMED_SOURCES in order."""
         return tuple(self._named)
 
     def admit(self, datagram: Datagram, *, now: float, moving: bool) -> bool:
@@ -140,7 +138,7 @@ class Admission:
     def _refuse(self, reason: str, source: Source) -> bool:
         self.refused.note(reason)
         key = (source[0], reason)
-        if key not in self._named and len(self._named) < MOST_NAMED:
+        if key not in self._named and len(self._named) < MOST_NAMED_SOURCES:
             self._named[key] = None
             self._news.append((source, reason))
         return False

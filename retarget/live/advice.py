@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 from retarget.errors import Problem, RefusedError
 from retarget.schema import strict_yaml
 
-MAX_KNOWN = 128  # symptoms whose rows are kept: a hold reads them in every tick, and a sender may make up new ones
+MAX_SYMPTOMS = 128  # symptoms whose rows are kept: a hold reads them in every tick, and a sender may make up new ones
 
 
 Refused = TypeVar("Refused", bound=RefusedError)
@@ -35,7 +35,7 @@ def _rows() -> list[dict[str, str]]:
     return rows
 
 
-@lru_cache(maxsize=MAX_KNOWN)
+@lru_cache(maxsize=MAX_SYMPTOMS)
 def _row(symptom: str, kind: str) -> dict[str, str]:
     """The first row that fits, or an empty one."""
     fits = (row for row in _rows() if row.get("kind", kind) == kind and fnmatchcase(symptom, row["symptom"]))
@@ -50,8 +50,8 @@ def advice(symptom: str, kind: str = "", **facts: Any) -> Advice:
 
 def problem(symptom: str, where: str, kind: str = "", *, found: str = "", **facts: Any) -> Problem:
     """The advice on a symptom as a problem. found: the given value."""
-    said = advice(symptom, kind, **facts)
-    return Problem(said.what, where, found=found, allowed=said.allowed, next_step=said.then)
+    row = advice(symptom, kind, **facts)
+    return Problem(row.what, where, found=found, allowed=row.allowed, next_step=row.then)
 
 
 def refusal(

@@ -12,8 +12,8 @@ from retarget.errors import InputError, UsageError
 from retarget.human.calibration import dimensions_from_skeleton
 from retarget.human.performer_calibration import check_person_place, person_of, read_person, write_person
 from retarget.human.samples import MAX_KEPT, Performance
-from retarget.human.sensor_intake import SLOW
-from retarget.human.side_check import ASIDE, FRONT_M, RAISED, REFUSED, RISE_M, STILL_M, SideCheck
+from retarget.human.sensor_intake import SLOW_INTAKE
+from retarget.human.side_check import ASIDE, FRONT_M, OTHER_RISE_M, RAISED, REFUSED, RISE_M, SideCheck
 from retarget.live.advice import refusal
 from retarget.live.performer import LivePerformer, live_sample, missing_sensors, needed, refuse_unmeasurable
 from retarget.live.playout import LIGHT
@@ -92,12 +92,12 @@ def _not_raised(check: SideCheck, why: str, lost: list[str], where: str) -> Inpu
     if lost:
         return refusal(InputError, "lost sensors", where, found=f"no {', no '.join(lost)}")
     symptom = ASIDE if check.aside else "not raised"
-    return refusal(InputError, symptom, where, found=check.found(), rise=RISE_M, front=FRONT_M, still=STILL_M)
+    return refusal(InputError, symptom, where, found=check.found(), rise=RISE_M, front=FRONT_M, still=OTHER_RISE_M)
 
 
 POLL_S = 0.01  # [s] between polls while nothing moves
 SETTLE_S = 0.3  # the smoothing filter settles after the offset of a sensor was corrected
-SAY_S = 1.0  # [s] between sentences on the pose: long enough to hear and follow one
+MESSAGE_S = 1.0  # [s] between sentences on the pose: long enough to hear and follow one
 TRY_S = 0.1  # [s] between checks for standing still
 
 
@@ -179,7 +179,7 @@ class Beginning:
         self.enter(RunState.CHECKING_SIDES)
         names, where = self.stream.roles.sensors, f"{self.where}, raise your left arm"
         rows = [names.index("l_wrist"), names.index("r_wrist")]
-        check, asked_again, problems = SideCheck(rest.position[rows]), False, StreamProblems(self.stream)
+        check, repeated, problems = SideCheck(rest.position[rows]), False, StreamProblems(self.stream)
         self.notify(f"Raise your left arm forward, to the front, and only that: {WAIT_S:g} s")
         end = self.clock.now() + WAIT_S
         for now, reading in self._readings(measured=True):
@@ -191,8 +191,8 @@ class Beginning:
                 raise refusal(InputError, check.seen, where, found=check.found())
             if check.seen == RAISED:
                 break
-            if check.aside and not asked_again:
-                asked_again, end = True, now + WAIT_S
+            if check.aside and not repeated:
+                repeated, end = True, now + WAIT_S
                 self.notify(f"To the front, not to the side, which looks the same in a mirrored world: {WAIT_S:g} s")
             if now >= end:
                 lost = [names[row] for row in rows if not sample.valid[row]]
@@ -237,7 +237,8 @@ class Beginning:
         problems, names = StreamProblems(self.stream), self.stream.roles.sensors
         end, look = self.clock.now() + self.options.patience + CAPTURE_S, 0.0
         tries, refused = Counter[str](), dict[str, InputError]()  # by problem
-        said, quiet = "", self.clock.now() + CAPTURE_S + SAY_S  # the performer may still be getting into the pose
+        reported = ""
+        quiet = self.clock.now() + CAPTURE_S + MESSAGE_S  # the performer may still be getting into the pose
         for now, reading in self._readings(measured=True):
             capture.take(now, live_sample(names, frozen_as_fresh(reading), Alignment()))
             if message := problems.look(now):
@@ -251,8 +252,8 @@ class Beginning:
                 problem = error.problems[0]
                 tries[problem.what] += 1
                 refused[problem.what] = error
-                if quiet <= now < end and problem.what != said:
-                    said, quiet = problem.what, now + SAY_S
+                if quiet <= now < end and problem.what != reported:
+                    reported, quiet = problem.what, now + MESSAGE_S
                     self.notify(f"not yet, {problem.what}: {problem.found}. {problem.next_step}")
                 if now >= end and (why := problems.why(now)):
                     raise InputError(why, where=f"{self.where}, calibration") from None
@@ -326,7 +327,7 @@ def begin_live(
     )
     notes = tuple(f"{name} is not worn, or was not fresh: it takes no part until it is" for name in calibrated.missing)
     size = calibrated.dimensions
-    return Performance(performer, mirrored_dimensions(size) if options.mirror else size, notes, SLOW)
+    return Performance(performer, mirrored_dimensions(size) if options.mirror else size, notes, SLOW_INTAKE)
 
 
 def _keep(name: str, calibrated: Calibrated, convention: str, notify: Notify) -> None:

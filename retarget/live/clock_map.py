@@ -99,9 +99,9 @@ class SlidingMinimum:
         return self._bucket % count
 
 
-WINDOW_S = 2.0
+OFFSET_WINDOW_S = 2.0
 EARLY_S = 0.005  # a datagram that is earlier than all others by more counts only when others confirm it
-AHEAD_S = 0.100  # a datagram stamped further ahead is dropped until its clock is accepted
+STAMP_AHEAD_S = 0.100  # a datagram stamped further ahead is dropped until its clock is accepted
 LATE_S = 0.250  # later datagrams are dropped: the robot must not follow a pose that old
 REORDER_S = 0.100  # a datagram further behind the last delivered one is dropped
 SHIFT_S = 0.030  # a smaller shift of the clock is jitter, no jump
@@ -109,13 +109,13 @@ COARSE_S = 0.002  # an equal stamp of a finer clock is the same frame
 YOUNG_S = 10.0  # a clock that jumped back to less was restarted
 NUDGE_S = 1e-6  # between samples with equal stamps, to keep their order
 REMEMBERED = 64  # frames by which a repeated one is recognised
-FASTER = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}  # units of which so many are a second
+CLOCK_UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}  # units of which so many are a second
 RUN_S = 0.1  # [s] over which a sender's clock is measured before its unit is named
 
 
 def unit_of(speed: float) -> str:
-    """The unit of a clock of this speed, per s; "" for none of FASTER."""
-    return next((unit for factor, unit in FASTER.items() if 0.5 * factor < speed < 2.0 * factor), "")
+    """The unit of a clock of this speed, per s; "" for none of CLOCK_UNITS."""
+    return next((unit for factor, unit in CLOCK_UNITS.items() if 0.5 * factor < speed < 2.0 * factor), "")
 
 
 def not_seconds(unit: str) -> str:
@@ -137,7 +137,7 @@ class ClockMap:
         self.dropped = Dropped()
         self._resolution = resolution
         self._significand = significand
-        self._least = SlidingMinimum(WINDOW_S)
+        self._least = SlidingMinimum(OFFSET_WINDOW_S)
         self.offset: float | None = None
         """Local minus sender time, with the least delay in it, s; None before the first stamp."""
         self._newest = -inf
@@ -218,7 +218,7 @@ class ClockMap:
                 self.last_jump = ClockJump(back if shift > 0.0 else JumpKind.FORWARD, arrival, shift)
             self._restart(arrival, self._odd.least)
             return self._in_order(arrival, stamp, step)
-        if -(AHEAD_S + step) <= excess < 0.0:
+        if -(STAMP_AHEAD_S + step) <= excess < 0.0:
             return self._deliver(arrival)
         assert self._began is not None
         since = arrival - self._began[0]

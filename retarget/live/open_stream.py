@@ -134,7 +134,7 @@ MOST_READ = 4_000_000  # poses: 224 MB
 def read_recording(address: StreamAddress) -> SensorFrames:
     """Every pose of a `replay://` address at its time of capture, by the sender's names, in the stream's world.
 
-    Notes tell what is left out. Raises InputError without poses, or if the file is missing or no recording.
+    Notes list what is left out. Raises InputError without poses, or if the file is missing or no recording.
     """
     assert address.path is not None
     kind, decoder = _decoder(address)

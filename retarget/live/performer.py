@@ -200,7 +200,7 @@ class LivePerformer:
     @property
     def paused(self) -> bool:
         """True if a hold has no limit in time: the operator pauses the robot, or no servo has torque."""
-        return self._waits or not self.engagement.wanted
+        return self._waits or not self.engagement.engaged
 
     def catch_up(self) -> None:
         """Take all that has arrived; for a robot without torque."""
@@ -215,7 +215,7 @@ class LivePerformer:
         """True if the robot is not paused, and data have been good for long enough to go on with the approach."""
         now = self._clock.now()
         reading, _ = self._read(now)
-        good = self.engagement.wanted and self._is_good(reading, now)
+        good = self.engagement.engaged and self._is_good(reading, now)
         went, goes = self._approach.good, self._approach.step(now, good=good)
         if goes is not went:
             self._report("the robot goes on", "the robot waits during its approach{}", good=goes)
@@ -237,7 +237,7 @@ class LivePerformer:
     @property
     def hold_reason(self) -> str:
         """Reason, in a few words, for which the performer is not followed."""
-        if not self.engagement.wanted:
+        if not self.engagement.engaged:
             return "paused by the operator"
         late = "ticks were missed" if self._timing.behind else ""
         now = self._problems.briefly(self._clock.now(), self.stream.validity.limits.silent_after)
@@ -248,7 +248,7 @@ class LivePerformer:
 
     def clutch(self, *, engaged: bool) -> None:
         """Follow again from where the robot is, or hold it."""
-        self.engagement.wanted = engaged
+        self.engagement.engaged = engaged
         if not engaged:
             self.engagement.hold()
 

@@ -15,7 +15,7 @@ from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
 
 DELAY_CAP_S = 0.040
-WINDOW_S, MOST_KEPT = 2.0, 512  # [s] over which the lateness of frames is measured, and most frames of it
+LATENESS_WINDOW_S, MOST_KEPT = 2.0, 512  # [s] over which the lateness of frames is measured, and most frames of it
 IN_TIME = 0.95
 """Share of the frames that arrive in time. Extrapolation bridges a later one, which costs less than to wait for it."""
 SHRINK_S = 1.0  # time constant; at the cap, time then plays 4 % fast, which is not visible
@@ -41,7 +41,7 @@ class PlayoutDelay:
         arrived, ordered = self._arrived, self._lateness
         arrived.append((arrival, lateness))
         insort(ordered, lateness)
-        while arrived[0][0] < arrival - WINDOW_S or len(arrived) > MOST_KEPT:
+        while arrived[0][0] < arrival - LATENESS_WINDOW_S or len(arrived) > MOST_KEPT:
             del ordered[bisect_left(ordered, arrived.popleft()[1])]
         if gap < inf:
             gap = min(gap, DELAY_CAP_S)
@@ -53,17 +53,17 @@ class PlayoutDelay:
         self._now = now if self._now is None else max(now, self._now)
         if self._lateness:
             lateness = self._lateness[ceil(IN_TIME * len(self._lateness)) - 1]
-            wanted = min(DELAY_CAP_S, max(0.0, lateness) + (self._gap or 0.0))
-            if wanted >= self._delay:
-                self._delay = wanted
+            desired = min(DELAY_CAP_S, max(0.0, lateness) + (self._gap or 0.0))
+            if desired >= self._delay:
+                self._delay = desired
             else:
-                self._delay = wanted + (self._delay - wanted) * exp(-elapsed / SHRINK_S)
+                self._delay = desired + (self._delay - desired) * exp(-elapsed / SHRINK_S)
         return self._delay
 
 
 DEPTH = 64  # kept poses of each sensor
 EXTRAPOLATION_S = 0.050
-AHEAD_S = 0.100  # a capture time farther after its arrival is wrong
+WRONG_CAPTURE_S = 0.100  # a capture time farther after its arrival is wrong
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +116,7 @@ class Playout:
         rows (m,); time, arrival: s, local clock; position (m, 3) m and orientation (m, 4) wxyz, NaN where not sent;
         valid (m,): False where the sender reports that it has lost the sensor.
         """
-        if not (isfinite(time) and time <= arrival + AHEAD_S):
+        if not (isfinite(time) and time <= arrival + WRONG_CAPTURE_S):
             self.dropped.note("not a capture time")
             return
         position, orientation = np.ascontiguousarray(position), np.ascontiguousarray(orientation)

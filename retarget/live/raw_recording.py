@@ -95,7 +95,7 @@ def recorded_kind(address: StreamAddress) -> str:
 
 
 FLUSH_S = 0.2  # between two writes; a crash may lose as much
-PATIENCE_S = 2.0  # closing waits this long for a disk that hangs
+DISK_WAIT_S = 2.0  # closing waits this long for a disk that hangs
 
 
 class RawTap:
@@ -150,7 +150,7 @@ class RawTap:
         if self._ending.is_set():
             return
         self._ending.set()
-        self._thread.join(PATIENCE_S)
+        self._thread.join(DISK_WAIT_S)
         if self._thread.is_alive():
             self._hung = "the disk does not answer"
         if self.failure or self.lost:

@@ -50,7 +50,7 @@ def open_socket(address: StreamAddress) -> socket.socket:
         try:
             listener.bind((address.bind, address.port))
         except OSError as error:
-            raise not_bound(address, error) from error
+            raise _not_bound(address, error) from error
         if address.multicast is not None:
             _join(listener, address, address.multicast)
     except BaseException:
@@ -73,7 +73,7 @@ def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:
         raise _not_joined(address, group, interface, error) from error
 
 
-def not_bound(address: StreamAddress, error: OSError) -> InputError:
+def _not_bound(address: StreamAddress, error: OSError) -> InputError:
     """Make the error for an address that cannot be bound."""
     if error.errno in NO_INTERFACE:
         return _no_interface(address, address.bind)
@@ -90,16 +90,16 @@ MOST_SOCKETS = 100_000  # bound of a search
 
 def port_holder(port: int, processes: Path = PROCESSES) -> str:
     """The processes that listen on a UDP port (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
-    wanted, found = set[str](), list[str]()
+    sockets, found = set[str](), list[str]()
     for table in ("udp", "udp6"):
         with suppress(OSError), (processes / "net" / table).open(encoding="ascii", errors="replace") as lines:
             for line in itertools.islice(lines, 1, MOST_SOCKETS):
                 words = line.split()  # the columns `local_address` and `inode`
                 if len(words) > 9 and words[1].endswith(f":{port:04X}"):
-                    wanted.add(f"socket:[{words[9]}]")
-    for process in itertools.islice(processes.glob("[0-9]*"), MOST_PROCESSES) if wanted else ():
+                    sockets.add(f"socket:[{words[9]}]")
+    for process in itertools.islice(processes.glob("[0-9]*"), MOST_PROCESSES) if sockets else ():
         with suppress(OSError):
-            if any(str(link.readlink()) in wanted for link in (process / "fd").iterdir()):
+            if any(str(link.readlink()) in sockets for link in (process / "fd").iterdir()):
                 found.append(named_process(process.name, processes))
     return ", ".join(sorted(found)) or "another process"
 
@@ -113,8 +113,8 @@ def _not_joined(address: StreamAddress, group: str, interface: str, error: OSErr
     return refusal(InputError, "group not joined", address.text, found=found, group=group, listed=listed_interfaces())
 
 
-def _no_interface(address: StreamAddress, wanted: str) -> InputError:
-    return refusal(InputError, "no interface", address.text, found=wanted, listed=listed_interfaces())
+def _no_interface(address: StreamAddress, requested: str) -> InputError:
+    return refusal(InputError, "no interface", address.text, found=requested, listed=listed_interfaces())
 
 
 REMEASURE_S = 1.0  # [s] between measurements of the offset of wall and monotonic clock: NTP slews by 0.5 ms in it

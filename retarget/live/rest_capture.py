@@ -78,11 +78,11 @@ def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> A
 CAPTURE_S = 1.0  # time of standing still
 KNOWN_CAPTURE_S = 0.5  # the same for a known size, when only floor and heading are measured
 OTHER_SHARE = 0.1  # a stature that differs more from the known one is another person's, or a bent one's
-STILL_M = 0.03  # distance of a sensor from its mean; breathing and swaying move a head by a centimetre
+SWAY_M = 0.03  # distance of a sensor from its mean; breathing and swaying move a head by a centimetre
 LIVE_STATURE_M = (1.2, 2.2)  # a smaller performer crouches, kneels or sits, or the unit is wrong
 FRESH_SHARE = 0.9  # of the capture, in which a sensor must be fresh to count
-FEWEST = 20  # samples of a capture
-MOST = 1000  # samples that are kept
+FEWEST_SAMPLES = 20  # samples of a capture
+MOST_SAMPLES = 1000  # samples that are kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,14 +135,14 @@ class RestCapture:
     @property
     def done(self) -> bool:
         """True if there are samples of long enough."""
-        return len(self._times) >= FEWEST and self._times[-1] - self._began >= self._seconds
+        return len(self._times) >= FEWEST_SAMPLES and self._times[-1] - self._began >= self._seconds
 
     def take(self, time: float, sample: SensorSample) -> None:
         """Take a sample at `time`, s, and drop those older than the capture."""
         self._began = min(self._began, time)
         self._times.append(time)
         self._samples.append(sample)
-        while self._times[0] < time - self._seconds or len(self._times) > MOST:
+        while self._times[0] < time - self._seconds or len(self._times) > MOST_SAMPLES:
             self._times.popleft()
             self._samples.popleft()
 
@@ -235,7 +235,7 @@ class RestCapture:
     def _refuse_motion(self, names: tuple[str, ...], track: FloatArray, mean: FloatArray) -> None:
         away = norms(track - mean)
         farthest = np.where(np.isnan(away), 0.0, away).max(axis=0).tolist()
-        far = [f"{name} moved by {100 * by:.0f} cm" for name, by in zip(names, farthest, strict=True) if by > STILL_M]
+        far = [f"{name} moved by {100 * by:.0f} cm" for name, by in zip(names, farthest, strict=True) if by > SWAY_M]
         if far:
             raise self._refused("not still", ", ".join(far))
 

@@ -27,7 +27,7 @@ _NOWHERE: Triple = (0.0, 0.0, 0.0)
 _HAND_FORWARD = (
     0.13  # [m] of SlimeVR's hand forward of the forearm's line, arms hanging (measured, default proportions)
 )
-MAX_KNOWN = 64  # sets of names that are kept: a sender uses a few
+MAX_NAME_SETS = 64  # sets of names that are kept: a sender uses a few
 
 Rows = NDArray[np.int64]
 
@@ -119,7 +119,7 @@ class Roles:
         mirror; places are those of the other side, for reflected poses."""
         self.sensors, self.places, self.convention = tuple(sensors), tuple(places), convention
         self.partial, self.mirrored = partial, mirrored
-        self._plan = lru_cache(maxsize=MAX_KNOWN)(self._make)
+        self._plan = lru_cache(maxsize=MAX_NAME_SETS)(self._make)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 Limits and states are those of `retarget.human.pose_validation`.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from math import isfinite
 
 import numpy as np
@@ -23,26 +23,16 @@ NOT_FINITE = "pose that is not finite"
 NOT_A_ROTATION = "orientation that is no unit quaternion"
 OUT_OF_RANGE = "position outside the room"
 UNREACHABLE = "position that no human can have reached"
+# Reason of a refused pose, by the verdict of `Validity`.
 REASONS = {
     1: UNTRACKED,
     2: NOT_FINITE,
     3: NOT_A_ROTATION,
     4: OUT_OF_RANGE,
     5: UNREACHABLE,
-}  # reason of a refused pose, by the verdict of `Validity`
-MOST_NAMED = 6  # if more sensors change alike, the message names none
+}
+MOST_NAMED_SENSORS = 6  # if more sensors change alike, the message names none
 NO_TIME = "pose at a time that is not finite"
-
-
-def change_text(before: ValidityState, after: ValidityState, seconds: float, *, resettled: bool) -> str:
-    """A change in words. seconds: time in the new state, 0 if unknown. resettled: it is valid elsewhere than before a
-    jump."""
-    symptom = after.name.lower()
-    if after is ValidityState.FRESH:
-        symptom = "resettled" if resettled else "received" if before is ValidityState.NOT_IN_USE else "fresh"
-    elif after is ValidityState.STALE and not seconds:
-        symptom = "never"
-    return advice(f"sensor {symptom}", seconds=seconds).what
 
 
 class SensorValidity:
@@ -110,14 +100,17 @@ class SensorValidity:
             change = before, after, moved and before is ValidityState.JUMPED and after is ValidityState.FRESH
             alike.setdefault(change, {})[self.names[row]] = seconds if isfinite(seconds) else 0.0
         self._reported = self._states.copy()
-        said = []
+        news = []
         for (before, after, resettled), sensors in alike.items():
-            who, text = self._named(sensors), change_text(before, after, max(sensors.values()), resettled=resettled)
-            said.append(News(f"{who}: {text}", f"{who}: {before.name} {after.name}"))
-        return said
-
-    def _named(self, sensors: Collection[str]) -> str:
-        return "all sensors" if len(sensors) == len(self.names) > MOST_NAMED else ", ".join(sensors)
+            names = "all sensors" if len(sensors) == len(self.names) > MOST_NAMED_SENSORS else ", ".join(sensors)
+            symptom, seconds = after.name.lower(), max(sensors.values())
+            if after is ValidityState.FRESH:
+                symptom = "resettled" if resettled else "received" if before is ValidityState.NOT_IN_USE else "fresh"
+            elif after is ValidityState.STALE and not seconds:
+                symptom = "never"
+            text = advice(f"sensor {symptom}", seconds=seconds).what
+            news.append(News(f"{names}: {text}", f"{names}: {before.name} {after.name}"))
+        return news
 
     def forget_recovered(self) -> None:
         """Send no message about sensors that are fresh now."""
@@ -151,7 +144,7 @@ class Engagement:
     """Follows samples, or holds. It begins with a hold at the sample that the robot has approached, or `following`."""
 
     def __init__(self, first: SensorSample, *, following: bool = False) -> None:
-        self.wanted = True
+        self.engaged = True
         """True if the robot is to follow; False while a pedal or key is released."""
         self.following = following
         """True while samples are followed; else the last one is held."""
@@ -166,7 +159,7 @@ class Engagement:
 
     def step(self, now: float, sample: SensorSample, *, good: bool) -> SensorSample | None:
         """The sample to follow at `now`, s; None: hold. good: True if the sensors are valid."""
-        if not good or not self.wanted:
+        if not good or not self.engaged:
             self.hold()
             return None
         if not self.following and not self.good.step(now, good=True):

@@ -38,7 +38,7 @@ def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") ->
     return advice(symptom, kind, sender=KINDS[kind].sender, axes=", ".join(CONVENTIONS), **facts).then
 
 
-PATIENCE_S = 3.0  # [s] after which an answer counts as missing
+ANSWER_TIMEOUT_S = 3.0  # [s] after which an answer counts as missing
 
 
 def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[Problem, ...]:
@@ -49,7 +49,7 @@ def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[P
         found.append(problem(symptom, host, "natnet", found=seen, host=host, command_port=COMMAND_PORT, **facts))
 
     if server is None:
-        if session.started is not None and now - session.started >= PATIENCE_S:
+        if session.started is not None and now - session.started >= ANSWER_TIMEOUT_S:
             note("frames without answer" if session.frames else "no answer")
         return tuple(found)
     if not OLDEST <= server.version <= NEWEST:
@@ -60,9 +60,9 @@ def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[P
     if session.silent(now):
         sent_to = server.group, server.data_port or DATA_PORT
         if server.multicast != (session.group is not None):
-            sent, wanted = ("multicast", "unicast") if server.multicast else ("unicast", "multicast")
+            sent, requested = ("multicast", "unicast") if server.multicast else ("unicast", "multicast")
             to = f" to {server.group}, port {server.data_port}" if server.multicast else ""
-            note("other transport", seen=sent + to, sent=sent, wanted=wanted)
+            note("other transport", seen=sent + to, sent=sent, requested=requested)
         elif session.group is None:
             note("no frames")
         elif sent_to != session.group:
@@ -70,7 +70,7 @@ def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[P
             note("other group", seen=seen, own=own, group=sent_to[0], port=sent_to[1])
         else:
             note("no frames, multicast", group=session.group[0], port=session.group[1])
-    if session.definitions_requested_at is not None and now - session.definitions_requested_at >= PATIENCE_S:
+    if session.definitions_requested_at is not None and now - session.definitions_requested_at >= ANSWER_TIMEOUT_S:
         note("no names")
     return tuple(found)
 
@@ -192,7 +192,7 @@ class StreamProblems:
 
     def __init__(self, stream: LiveStream) -> None:
         self._stream = stream
-        self._patience = NATNET_S if isinstance(stream.receiver, NatnetReceiver) else SILENT_S
+        self._silence_limit = NATNET_S if isinstance(stream.receiver, NatnetReceiver) else SILENT_S
         self._reported = ""
         self._before: tuple[int, Counter[str]] | None = None
         """Counts when the silence began, or was first seen: datagrams, refusals by reason."""
@@ -210,7 +210,7 @@ class StreamProblems:
             self._before = None
         elif self._before is None:
             self._before, self._noted = self._seen(), now
-        if not self.foreign and silence < 0.5 * self._patience:
+        if not self.foreign and silence < 0.5 * self._silence_limit:
             self._reported = ""
         if self._reported:
             return NOTHING
@@ -218,11 +218,11 @@ class StreamProblems:
         self._reported = reported
         return reported
 
-    def briefly(self, now: float, patience: float) -> str:
+    def briefly(self, now: float, limit: float) -> str:
         """The problem at `now`, s, in a few words; "" where a frame came within `limit`, s."""
         if self.foreign:
             return "the sender's version is not known"
-        if now - self._stream.last <= patience:
+        if now - self._stream.last <= limit:
             return ""
         arrived, refused = self._before or self._seen()
         symptom = "silent short" if self._stream.arrived == arrived else "unusable short"
@@ -232,7 +232,7 @@ class StreamProblems:
         """Return the problem, even if it was reported before; "" for none."""
         stream, silence = self._stream, now - self._stream.last
         # Arrivals instead of frames are known only since the counts were noted.
-        if self._before is None or silence < self._patience or now - self._noted < 0.5 * self._patience:
+        if self._before is None or silence < self._silence_limit or now - self._noted < 0.5 * self._silence_limit:
             return NOTHING
         arrived, refused = self._before
         news = refused_counts(stream) - refused
@@ -241,8 +241,8 @@ class StreamProblems:
         if stream.receiver.finished or stream.arrived == arrived:
             symptom = "over" if stream.receiver.finished else "silent"
             return News(advice(symptom, stream.kind, silence=silence).text, symptom, is_due=True)
-        said = advice("unusable", stream.kind, silence=silence, reasons=_listed(news))
-        return News(f"{said.what}. {_step(stream, news)}", "unusable", is_due=True)
+        row = advice("unusable", stream.kind, silence=silence, reasons=_listed(news))
+        return News(f"{row.what}. {_step(stream, news)}", "unusable", is_due=True)
 
     def _seen(self) -> tuple[int, Counter[str]]:
         return self._stream.arrived, refused_counts(self._stream)
@@ -270,8 +270,8 @@ class StreamNews:
             self._refused = admission.refused.count
             owner = "{}:{}".format(*admission.owner or ("another", "any port"))
             for source, reason in admission.news():
-                who = f"{source[0]}:{source[1]}"
-                text = advice(f"refused {reason}", who=who, reason=reason, owner=owner).what
+                sender = f"{source[0]}:{source[1]}"
+                text = advice(f"refused {reason}", sender=sender, reason=reason, owner=owner).what
                 self._notify(News(text, reason))
             for reason, (symptom, count) in REPORTED_FROM.items():
                 if admission.refused.reasons[reason] >= count:

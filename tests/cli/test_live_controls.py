@@ -20,8 +20,8 @@ from retarget.cli.controls import (
     GRIPS,
     SPACE,
     STOPPED_BY,
-    Asked,
     Control,
+    ControlRequest,
     ControlSocket,
     Keyboard,
     StopFile,
@@ -53,10 +53,10 @@ SECONDS = 10.0
 class Script:
     """A control that asks by itself: what is due at each poll."""
 
-    def __init__(self, due: Callable[[int], Sequence[tuple[Asked, str]]]) -> None:
+    def __init__(self, due: Callable[[int], Sequence[tuple[ControlRequest, str]]]) -> None:
         self._due, self._polls = due, 0
 
-    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
+    def poll(self, now: float) -> Iterator[tuple[ControlRequest, str]]:
         """See `Control`."""
         self._polls += 1
         yield from self._due(self._polls)
@@ -127,7 +127,7 @@ def clutched() -> tuple[LiveRig, RunResult, list[str]]:
 
 @pytest.mark.long
 def test_nothing_moves_before_it_is_held() -> None:
-    stop = Script(lambda poll: [(Asked.STOP, "enough")] if poll * DT > 2.0 else [])
+    stop = Script(lambda poll: [(ControlRequest.STOP, "enough")] if poll * DT > 2.0 else [])
     _, result, states = played(stop, seconds=1.0, dead_man=True)
     goals = goals_of(result)[result.record.phase == Phase.APPROACH]
     assert len(goals) > 1.9 / DT and np.abs(goals - goals[0]).max() == 0.0
@@ -208,7 +208,11 @@ def test_a_hold_on_purpose_does_not_end_the_run_and_the_approach_is_gone_to_its_
 def test_held_on_purpose_for_too_long_it_is_to_stop() -> None:
     rig = rigged()
     with rig.prepared() as prepared:
-        asked: dict[int, tuple[Asked, str]] = {2: (Asked.HOLD, ""), 4: (Asked.PAUSE, ""), 5: (Asked.PAUSE, "")}
+        asked: dict[int, tuple[ControlRequest, str]] = {
+            2: (ControlRequest.HOLD, ""),
+            4: (ControlRequest.PAUSE, ""),
+            5: (ControlRequest.PAUSE, ""),
+        }
         operator = operator_of(rig, prepared, Script(lambda poll: [asked[poll]] if poll in asked else []))
         seen = []
         for seconds in (0.0, 0.0, LONGEST_S - 1.0, 0.0, 0.0, LONGEST_S - 1.0, 1.1):
@@ -228,7 +232,7 @@ def test_a_pause_counts_whatever_is_held(held: bool) -> None:
         seen = []
         for _ in range(3):
             operator.poll(None)
-            seen.append((operator.engaged, prepared.samples.engagement.wanted))
+            seen.append((operator.engaged, prepared.samples.engagement.engaged))
         assert seen == [(held, held), (False, False), (held, held)]
         shows(rig.said[-1])
 
@@ -329,7 +333,10 @@ def test_a_stop_is_requested_before_anything_is_reported() -> None:
 
 def test_a_control_that_fails_hides_no_other() -> None:
     rig = rigged()
-    broken, socket = Mock(poll=Mock(side_effect=OSError("gone"))), Script(lambda poll: [(Asked.TORQUE_OFF, "cut it")])
+    broken, socket = (
+        Mock(poll=Mock(side_effect=OSError("gone"))),
+        Script(lambda poll: [(ControlRequest.TORQUE_OFF, "cut it")]),
+    )
     with rig.prepared() as prepared:
         asked = operator_of(rig, prepared, broken, socket).poll(RunState.STANDING)
     assert asked == OperatorInput("cut it", torque_off=True, fault=(StopCause.SOURCE, "gone"))

@@ -10,7 +10,7 @@ from retarget import rotations
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import LOOP_LIMIT_S, SEAM_S, Clip, Playback, lay_on_ticks
-from retarget.human.sensor_intake import DOUBT_S, SLOW, IntakeTimes, Reach, SensorIntake, without_spikes
+from retarget.human.sensor_intake import DOUBT_S, SLOW_INTAKE, IntakeTimes, Reach, SensorIntake, without_spikes
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.rotations import from_axis_angle
 from retarget.schema.performer import load_performer
@@ -142,9 +142,9 @@ def came_back(times: IntakeTimes, *, far: float, hold: bool = False) -> FloatArr
 
 
 @pytest.mark.parametrize("hold", [False, True])
-@pytest.mark.parametrize(("times", "far"), [(SLOW, 0.05), (SLOW, 0.2), (SLOW, 1.0), (TIMES, 0.2)])
+@pytest.mark.parametrize(("times", "far"), [(SLOW_INTAKE, 0.05), (SLOW_INTAKE, 0.2), (SLOW_INTAKE, 1.0), (TIMES, 0.2)])
 def test_who_comes_back_starts_where_the_body_has_it_and_is_slow(times: IntakeTimes, far: float, hold: bool) -> None:
-    asked, times = came_back(times, far=far, hold=hold), SLOW if hold else times
+    asked, times = came_back(times, far=far, hold=hold), SLOW_INTAKE if hold else times
     fastest = min(times.speed, far / times.fade) * DT + 1e-9
     steps = np.diff(asked)
     assert asked[0] == pytest.approx(HERE[1, 2] - far, abs=fastest)
@@ -159,7 +159,7 @@ def about_z(angle: float) -> FloatArray:
 
 @pytest.mark.parametrize("hold", [False, True])
 def test_an_orientation_that_comes_back_begins_where_it_was_last(hold: bool) -> None:
-    intake = SensorIntake(2, SLOW)
+    intake = SensorIntake(2, SLOW_INTAKE)
     intake.start(HERE, about_z(0.3), valid(True, True))
     intake.step(HERE, about_z(0.3), valid(True, True), reached=HERE, dt=DT)
     assert (intake.orientation == about_z(0.3)).all()
@@ -173,24 +173,24 @@ def test_an_orientation_that_comes_back_begins_where_it_was_last(hold: bool) -> 
         intake.step(HERE, about_z(1.3), valid(True, True), reached=HERE, dt=DT)
         angles.append(float(rotations.angle_between(about_z(0.0), intake.orientation)[0]))
     steps = np.diff(angles)
-    assert (steps >= -1e-12).all() and steps.max() <= SLOW.turn * DT + 1e-9
+    assert (steps >= -1e-12).all() and steps.max() <= SLOW_INTAKE.turn * DT + 1e-9
     assert (intake.orientation == about_z(1.3)).all(), "it ends where the sensor is, to the bit"
 
 
 def test_after_a_hold_no_distance_is_a_jump() -> None:
     """The performer has walked away meanwhile."""
-    intake, there = SensorIntake(2, SLOW), HERE + 3.0
+    intake, there = SensorIntake(2, SLOW_INTAKE), HERE + 3.0
     intake.start(HERE, UNTURNED, valid(True, True))
     intake.resume()
     for tick in range(1, 3200):
         intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=DT)
-        assert np.linalg.norm(intake.position - HERE, axis=1).max() <= SLOW.speed * DT * tick + 1e-9
+        assert np.linalg.norm(intake.position - HERE, axis=1).max() <= SLOW_INTAKE.speed * DT * tick + 1e-9
     assert (intake.position == there).all()
 
 
 def test_a_goal_waits_for_a_sensor_that_comes_to_it() -> None:
     """The body holds upright, and the performer rises from a squat: no goal is above either of them."""
-    intake, low = SensorIntake(2, SLOW), HERE - np.array([0.0, 0.0, 0.5])
+    intake, low = SensorIntake(2, SLOW_INTAKE), HERE - np.array([0.0, 0.0, 0.5])
     intake.start(HERE, UNTURNED, valid(True, True))
     intake.resume()
     before = HERE
@@ -198,14 +198,14 @@ def test_a_goal_waits_for_a_sensor_that_comes_to_it() -> None:
         risen = np.minimum(low + np.array([0.0, 0.0, 0.8 * DT * tick]), HERE)
         intake.step(risen, UNTURNED, valid(True, True), reached=HERE, dt=DT)
         assert (intake.position >= risen - 0.8 * DT).all() and (intake.position <= HERE + 0.8 * DT).all()
-        assert np.abs(intake.position - before).max() <= (SLOW.speed + 0.8) * DT + 1e-9
+        assert np.abs(intake.position - before).max() <= (SLOW_INTAKE.speed + 0.8) * DT + 1e-9
         before = intake.position.copy()
     assert (before == HERE).all()
 
 
 def test_goals_come_in_together() -> None:
     """One sensor is twice as far from its goal as the other, at all times."""
-    intake = SensorIntake(2, SLOW)
+    intake = SensorIntake(2, SLOW_INTAKE)
     intake.start(HERE, UNTURNED, valid(True, True))
     intake.resume()
     there = HERE + np.array([[0.2, 0.0, 0.0], [0.0, 0.4, 0.0]])
@@ -213,7 +213,7 @@ def test_goals_come_in_together() -> None:
         intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=DT)
         near, far = np.linalg.norm(there - intake.position, axis=1)
         assert 2.0 * near == pytest.approx(far)
-    assert far == pytest.approx(0.4 - 60 * SLOW.speed * DT)
+    assert far == pytest.approx(0.4 - 60 * SLOW_INTAKE.speed * DT)
 
 
 def test_a_sensor_that_flickers_is_followed() -> None:
@@ -367,12 +367,12 @@ def about(intake: SensorIntake, turn: float, *, known: bool = True, seen: tuple[
 
 @pytest.mark.parametrize("lost", [0, 1, 200])
 def test_an_orientation_that_jumps_or_comes_back_alone_is_led_in(lost: int) -> None:
-    intake = SensorIntake(2, SLOW)
+    intake = SensorIntake(2, SLOW_INTAKE)
     intake.start(HERE, about_z(0.0), valid(True, True))
     for _ in range(lost):
         about(intake, 0.0, known=False)
     angles = [0.0] + [about(intake, 2.5) for _ in range(400)]
-    assert max(np.diff(angles)) <= SLOW.turn * DT + 1e-9 and angles[-1] == pytest.approx(2.5, abs=1e-3)
+    assert max(np.diff(angles)) <= SLOW_INTAKE.turn * DT + 1e-9 and angles[-1] == pytest.approx(2.5, abs=1e-3)
 
 
 def test_all_are_slow_after_a_hold_also_those_that_come_back_later() -> None:
@@ -385,7 +385,7 @@ def test_all_are_slow_after_a_hold_also_those_that_come_back_later() -> None:
     before = HERE
     for tick in range(900):
         intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=DT)
-        assert tick == 0 or np.abs(intake.position - before).max() <= SLOW.speed * DT + 1e-9
+        assert tick == 0 or np.abs(intake.position - before).max() <= SLOW_INTAKE.speed * DT + 1e-9
         before = intake.position.copy()
     assert (before == there).all()
     intake.step(HERE, UNTURNED, valid(True, False), reached=HERE, dt=DT)  # a loss later on is as ever
@@ -395,7 +395,7 @@ def test_all_are_slow_after_a_hold_also_those_that_come_back_later() -> None:
 
 
 def test_a_sensor_that_stays_away_holds_no_other_back() -> None:
-    intake = SensorIntake(2, SLOW)
+    intake = SensorIntake(2, SLOW_INTAKE)
     intake.start(HERE, about_z(0.0), valid(True, True))
     intake.resume()
     there = HERE + 0.1
@@ -410,11 +410,11 @@ def test_slow_is_slow_in_real_time() -> None:
     intake.start(HERE, UNTURNED, valid(True, True))
     intake.resume(4.0)
     intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=4.0 * DT)
-    assert np.abs(intake.position - HERE).max() == pytest.approx(SLOW.speed * DT)
+    assert np.abs(intake.position - HERE).max() == pytest.approx(SLOW_INTAKE.speed * DT)
 
 
 def test_a_new_start_forgets_what_was_led_in() -> None:
-    intake = SensorIntake(2, SLOW)
+    intake = SensorIntake(2, SLOW_INTAKE)
     intake.start(HERE, UNTURNED, valid(True, True))
     intake.resume()
     intake.step(HERE + 0.5, UNTURNED, valid(True, True), reached=HERE, dt=DT)

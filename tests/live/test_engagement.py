@@ -31,7 +31,7 @@ def test_what_was_followed_last_is_kept_while_it_holds(clutch: bool) -> None:
     engagement = Engagement(sample(0.0), following=True)
     for tick in range(900):
         good = not 300 <= tick < 500
-        engagement.wanted = good or not clutch
+        engagement.engaged = good or not clutch
         place = 0.0 if tick < 300 else 1.0
         shown = engagement.step(DT * tick, sample(place), good=good or clutch)
         follows = tick < 300 or DT * (tick - 500) >= LIMITS.healthy - 1e-9

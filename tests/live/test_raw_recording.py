@@ -58,7 +58,7 @@ def test_what_is_taken_is_in_the_file_once_it_is_closed(tmp_path: Path) -> None:
 
 def test_a_disk_that_hangs_holds_up_no_tick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(raw_recording, "FLUSH_S", 0.001)
-    monkeypatch.setattr(raw_recording, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(raw_recording, "DISK_WAIT_S", 0.01)
     writer = HeldWriter(tmp_path / "a.raw")
     writer.answers.clear()
     writer.reached.clear()  # before the thread begins: it waits in its first flush

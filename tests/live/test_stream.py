@@ -23,7 +23,7 @@ from retarget.live.open_stream import open_stream
 from retarget.live.raw_recording import ReplayReceiver
 from retarget.live.roles import (
     CONVENTIONS,
-    MAX_KNOWN,
+    MAX_NAME_SETS,
     Roles,
     roles_of,
 )
@@ -224,9 +224,9 @@ def test_names_of_the_file_come_first() -> None:
 
 def test_changing_names_are_kept_within_bounds() -> None:
     roles = Roles(("head",), [CONVENTIONS["json"]["head"]])
-    for number in range(3 * MAX_KNOWN):
+    for number in range(3 * MAX_NAME_SETS):
         assert roles.take(frame({f"other{number}": (None, None), "head": ([0.0, 0.0, 1.0], None)})) is not None
-    assert roles._plan.cache_info().currsize <= MAX_KNOWN
+    assert roles._plan.cache_info().currsize <= MAX_NAME_SETS
 
 
 @pytest.mark.parametrize(

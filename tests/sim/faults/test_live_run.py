@@ -14,7 +14,7 @@ from messages import refuses, shows
 from operators import Asks
 from retarget.errors import InputError
 from retarget.human.samples import Parts
-from retarget.human.sensor_intake import SLOW, IntakeTimes
+from retarget.human.sensor_intake import SLOW_INTAKE, IntakeTimes
 from retarget.live import begin
 from retarget.live.begin import LiveOptions
 from retarget.report.measure import measure
@@ -194,7 +194,7 @@ def test_on_the_approach_it_waits_while_no_sensor_is_valid(kind: str, within: fl
 
 def lost_wrist(intake: IntakeTimes, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, RunResult]:
     """A wrist that is lost for 1.2 s while its arm is raised to the shoulder."""
-    monkeypatch.setattr(begin, "SLOW", intake)
+    monkeypatch.setattr(begin, "SLOW_INTAKE", intake)
     still = raising(1e9, 2e9)
 
     def fault(time: float, poses: Poses) -> Poses:
@@ -215,11 +215,11 @@ def lost_wrist(intake: IntakeTimes, monkeypatch: pytest.MonkeyPatch) -> tuple[Li
 
 @pytest.mark.long
 def test_a_sensor_that_comes_back_is_led_in_and_no_joint_goes_fast(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig, result = lost_wrist(SLOW, monkeypatch)
+    rig, result = lost_wrist(SLOW_INTAKE, monkeypatch)
     shows(rig.said, "l_wrist")
     assert result.stop is None and result.record.robot is not None
     share = shares(result)
     assert 0.1 < share[result.record.following.start :].max() < 0.55
-    _, longer = lost_wrist(replace(SLOW, fade=1.0), monkeypatch)
+    _, longer = lost_wrist(replace(SLOW_INTAKE, fade=1.0), monkeypatch)
     assert longer.record.robot is not None
     assert not np.array_equal(longer.record.robot.goal_ticks, result.record.robot.goal_ticks)
