@@ -1,6 +1,6 @@
-"""MJCF and URDF files as a compiled MuJoCo model: the one reader that the solver, the physics and the pictures share.
+"""MJCF and URDF files as compiled MuJoCo models, for solver, physics and pictures.
 
-MuJoCo is imported inside the functions: it costs a quarter of a second, and commands that read no body must not pay it.
+Functions import MuJoCo, as its import takes 0.25 s.
 """
 
 import re
@@ -17,15 +17,15 @@ from retarget.model.compile_limits import try_in_child
 from retarget.schema.catalogue import shipped_folder
 
 Root = Literal["free", "fixed", "suspended"]
-"""How the body stands in the world: `free` floats, `fixed` is bolted down, `suspended` hangs bolted to a stand."""
+"""Root of a body: `free` floats, `fixed` is bolted down, `suspended` hangs from a stand."""
 
 _EMPTY_GEOM = re.compile(r"size \d must be positive in geom Element name '.*', id (\d+)")
 
 
 @dataclass(frozen=True, eq=False)
 class BodyFile:
-    """A compiled body. `model`: `mujoco.MjModel`; `spec`: the `mujoco.MjSpec` that it was compiled from; `notes`: what
-    was changed or is not used, for the user."""
+    """A compiled body. model: `mujoco.MjModel`; spec: its `mujoco.MjSpec`; notes: for the user, on changes and unused
+    parts."""
 
     source: str
     model: Any
@@ -35,8 +35,8 @@ class BodyFile:
 
 
 def engine() -> Any:
-    """The `mujoco` package, whose warnings go nowhere: raw, they are no messages to a user, and it logs them to a file
-    in the working folder. Raises ConfigError where it is missing or broken."""
+    """Import `mujoco` with its warnings off, as it logs them to a file in the working folder. Raises ConfigError if it
+    is missing or broken."""
     try:
         import mujoco
     except ImportError as error:
@@ -50,15 +50,14 @@ def engine() -> Any:
 
 
 def ignore_warning(text: str) -> None:
-    """Drop a warning of MuJoCo."""
+    """Ignore a warning of MuJoCo."""
 
 
 def compile_body(path: Path, *, root: Root | None = None) -> BodyFile:
-    """Read and compile an MJCF or URDF file; the content decides which of the two it is.
+    """Read and compile an MJCF or URDF file, by its content.
 
-    Every link is kept (no static fusing). `root` "free" adds the free joint where the file has none, "fixed" and
-    "suspended" remove it; None takes the file as it is. A file that is not shipped is compiled in a child process
-    first, see `try_in_child`. Raises InputError: missing, too large, not a body, no root.
+    Every link is kept. root: "free" adds a free joint if there is none, "fixed" and "suspended" remove it; None leaves
+    the file as it is. Untrusted files are compiled in a child process first; see `try_in_child`. Raises InputError.
     """
     mujoco, urdf, content = engine(), *_checked(path)
     if not path.resolve().is_relative_to(shipped_folder()):
@@ -67,17 +66,16 @@ def compile_body(path: Path, *, root: Root | None = None) -> BodyFile:
 
 
 def body_spec(path: Path, *, root: Root) -> Any:
-    """The `mujoco.MjSpec` of a file that `compile_body` has read, for callers that build a world around the body."""
+    """Return the `mujoco.MjSpec` of a file that `compile_body` has read."""
     mujoco, urdf, _ = engine(), *_checked(path)
     spec, _, _ = _prepared(lambda: mujoco.MjSpec.from_file(str(path)), urdf=urdf, source=str(path), root=root)
     return spec
 
 
 def compile_body_text(text: str, *, source: str, root: Root | None = None, own: bool = False) -> BodyFile:
-    """Compile a body as `compile_body` does, from MJCF or URDF text; `source` names it in messages. own: this program
-    has made the text."""
+    """Compile a body from MJCF or URDF text; `source` names it in messages. own: made by this program."""
     mujoco = engine()
-    content = text.encode(errors="replace")  # half of a surrogate pair is no text
+    content = text.encode(errors="replace")  # for half of a surrogate pair
     urdf = body_xml(content, source=source, folder=Path()).kind == "urdf"
 
     def compiled(root: Root | None = None) -> BodyFile:
@@ -96,7 +94,7 @@ def _checked(path: Path) -> tuple[bool, bytes]:
 
 @lru_cache(maxsize=64)
 def _try(path: Path, digest: bytes, *, urdf: bool) -> None:
-    """Compile a file in a child process; once for a content. Its root adds nothing to it. Raises InputError."""
+    """Compile a file in a child process, once for a content. Raises InputError."""
     mujoco, source = engine(), str(path)
     parse = partial(mujoco.MjSpec.from_file, source)
     try_in_child(partial(_compile, parse, urdf=urdf, source=source, root=None), source=source)
@@ -113,7 +111,7 @@ def _compile(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | 
                 raise refusal(source, error, spec) from error
     _check(model, source=source)
     for kind, parts in (("equality constraints", spec.equalities), ("tendons", spec.tendons)):
-        names = [part.name or "unnamed" for part in parts]  # a kinematic tree cannot hold them
+        names = [part.name or "unnamed" for part in parts]  # not in a kinematic tree
         if names:
             shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
             notes.append(f"{len(names)} {kind} not used, their joints move independently: {shown}")
@@ -121,18 +119,17 @@ def _compile(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | 
 
 
 def _prepared(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | None) -> tuple[Any, Root, list[str]]:
-    """A body that is read and has its root, how it stands, and notes; not compiled."""
+    """A body before it is compiled, with its root and notes."""
     notes: list[str] = []
     try:
         spec = parse()
-        spec.compiler.fusestatic = False  # every link is kept
+        spec.compiler.fusestatic = False
         if urdf:
-            # Kinematics needs masses, not inertias: dummy links without mass and inertias that break the triangle
-            # inequality are common in URDF files and harmless here.
+            # Kinematics needs no inertias, and URDF files often have links without mass and invalid inertias.
             spec.compiler.balanceinertia = True
             spec.compiler.boundmass = max(spec.compiler.boundmass, 1e-9)
             spec.compiler.boundinertia = max(spec.compiler.boundinertia, 1e-12)
-        for key in list(spec.keys):  # keyframes have the size of the file's own root
+        for key in list(spec.keys):  # these have the size of the file's own root
             spec.delete(key)
         return spec, _set_root(spec, root, source=source, notes=notes), notes
     except (ValueError, RuntimeError) as error:
@@ -140,16 +137,20 @@ def _prepared(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root |
 
 
 def refusal(source: str, error: Exception, spec: Any = None) -> InputError:
-    """The refusal of a body by MuJoCo. spec: that it refused, of which a geom of size 0 is named by link and line."""
+    """The error for a body that MuJoCo refuses. spec: gives link and line of a geom of size 0."""
     reason = " ".join(str(error).split())[:500]
-    if "ould not allocate memory" in reason or "unknown exception" in reason:  # that of C++ for no memory
+    if "ould not allocate memory" in reason or "unknown exception" in reason:  # of C++ without memory
         raise MemoryError(reason) from error
     empty = _EMPTY_GEOM.search(reason)
     if spec is None or empty is None:
         return InputError("not a usable body", where=source, found=reason, next_step=BODY_HELP)
     geom = next(geom for geom in spec.geoms if geom.id == int(empty[1]))
     link = geom.parent.name
-    line = geom.info.removeprefix("line ") or _line_of(link, Path(source))
+    line = geom.info.removeprefix("line ")
+    if not line and Path(source).is_file():  # MuJoCo keeps no lines of URDF, so that of the link is given
+        urdf = Path(source).read_text(encoding="utf-8", errors="replace")
+        begun = re.search(rf"<link\s[^>]*\bname\s*=\s*(['\"]){re.escape(link)}\1", urdf)
+        line = "" if begun is None else str(urdf.count("\n", 0, begun.start()) + 1)
     return InputError(
         "a shape of size 0",
         where=f"{source}:{line}" if line else source,
@@ -159,15 +160,8 @@ def refusal(source: str, error: Exception, spec: Any = None) -> InputError:
     )
 
 
-def _line_of(link: str, urdf: Path) -> str:
-    """The line in which a URDF begins to describe a link, of whose shapes MuJoCo keeps no lines."""
-    text = urdf.read_text(encoding="utf-8", errors="replace") if urdf.is_file() else ""
-    begun = re.search(rf"<link\s[^>]*\bname\s*=\s*(['\"]){re.escape(link)}\1", text)
-    return "" if begun is None else str(text.count("\n", 0, begun.start()) + 1)
-
-
 def _set_root(spec: Any, root: Root | None, *, source: str, notes: list[str]) -> Root:
-    """Add or remove the free joint so that the body stands as `root` says; what it is then."""
+    """Add or remove the free joint for a root; returns the root."""
     import mujoco
 
     free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
@@ -206,7 +200,7 @@ def _single_base(spec: Any, *, source: str) -> Any:
 
 
 def _drop_meshes(spec: Any, notes: list[str]) -> bool:
-    """Remove mesh shapes of a URDF, whose masses stand in its <inertial> parts. False: there was none."""
+    """Remove mesh shapes of a URDF, whose masses are in <inertial>. Returns False without any."""
     import mujoco
 
     shapes = [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]
@@ -232,8 +226,7 @@ def _check(model: Any, *, source: str) -> None:
 
 
 def check_numbers(model: Any, *, source: str) -> None:
-    """Refuse a compiled `mujoco.MjModel` with `nan` or `inf`, which the compiler lets through. Raises InputError with
-    the links and joints that have one."""
+    """Raise InputError for `nan` or `inf` in a compiled `mujoco.MjModel`, with links and joints."""
     broken = _without_numbers(model)
     if broken:
         raise InputError(
@@ -249,7 +242,6 @@ def _without_numbers(model: Any) -> list[str]:
     import numpy as np
 
     def of(owners: Any, *arrays: Any) -> list[int]:
-        """Owners of rows that are not finite."""
         finite = np.all([np.isfinite(array).all(axis=tuple(range(1, array.ndim))) for array in arrays], axis=0)
         return sorted({int(owner) for owner in np.asarray(owners)[~finite]})
 

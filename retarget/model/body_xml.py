@@ -1,5 +1,5 @@
-"""MJCF and URDF as XML, read before MuJoCo sees it: elements without entities, of a bounded depth and number, and no
-sizes told in a few bytes that would take all memory."""
+"""XML of MJCF and URDF, checked before MuJoCo reads it: no entities, bounded depth and number of elements, and no few
+bytes that take all memory."""
 
 import re
 from dataclasses import dataclass, field
@@ -11,24 +11,23 @@ from xml.parsers import expat
 from retarget.errors import InputError, Problem
 
 MAX_BYTES = 64 * 1024 * 1024
-"""Largest body file that is read."""
+"""Size of a body file, bytes."""
 MAX_LINKS = 500
-"""Most links of a body; a humanoid has less than 100. Compiling 1,000 of them in a row takes seconds, 3,000 minutes."""
+"""Links of a body. Humanoids have less than 100; a chain of 3,000 takes minutes to compile."""
 MAX_DEPTH = 100
-"""Elements inside each other: more overflows the stack of parsers."""
+"""Depth of elements; more overflows the stack of parsers."""
 MAX_ELEMENTS = 500_000
-"""Elements of a file with all that it includes: a hundred times those of a large robot."""
+"""Elements of a file and its includes: a hundred times those of a large robot."""
 MAX_REPLICATED = 5000
-"""Elements that <replicate> makes: those of a large robot. Its time grows with their square, 0.9 s for so many."""
+"""Elements made by <replicate>: those of a large robot. Their time is quadratic, 0.9 s for this number."""
 MAX_DOUBLED = 8
-"""Copies that <replicate> makes of a body with a sensor of no object, such as <clock/>: MuJoCo doubles that with each
-copy, 4 ms for so many, hours for 30."""
+"""Copies by <replicate> of a body with a sensor of no object, such as <clock/>: MuJoCo doubles these with each copy."""
 NO_OBJECT = ("clock", "e_potential", "e_kinetic", "user", "contact")
 """Sensors that need no object."""
 OBJECTS = frozenset(("objname", "site", "body1", "body2", "geom1", "geom2", "subtree1", "subtree2"))
-"""Attributes that give them one."""
+"""Attributes that give sensors an object."""
 MAX_INCLUDES = 50
-"""Files that one body includes: more is a circle, or no robot."""
+"""Number of included files."""
 KINDS = {"robot": "urdf", "mujoco": "mjcf", "mujocoinclude": "mjcf"}
 
 BODY_HELP = "Give an MJCF (<mujoco>) or URDF (<robot>) file that MuJoCo can compile"
@@ -52,17 +51,17 @@ SIZES: dict[str, dict[str, float]] = {
     "contact": {"num": 1000},
     "": {"actdim": 1000, "nsample": 10_000},
 }
-"""The most that an attribute of an element may tell, each of its numbers; "": of any element. MuJoCo makes tables,
-pictures and meshes of these sizes: far more than a robot needs, and some 10 MB each. memory: bytes."""
+"""Bounds of numbers in attributes by element; "": of any element. MuJoCo makes tables, pictures and meshes of these
+sizes, some 10 MB each. memory: bytes."""
 PRODUCTS: dict[str, dict[str, float]] = {
     "composite": {"count": MAX_LINKS},
     "flexcomp": {"count": MAX_LINKS, "cellcount": MAX_LINKS},
     "camera": {"resolution": 4e6},
 }
-"""The same of the product of its numbers: bodies of a composite or flexcomp, pixels of a camera."""
+"""Bounds of products of numbers: bodies of a composite or flexcomp, pixels of a camera."""
 _BYTES = re.compile(r"\s*(-?\d+)\s*([KMGTPE]?)\s*")
 _UNITS = {letter: float(1 << 10 * power) for power, letter in enumerate(("", *"KMGTPE"))}
-"""Bytes of what follows a number in `memory`, as MuJoCo reads it."""
+"""Bytes by the letter after a number in `memory`."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class BodyXml:
 
 
 def read_body(path: Path) -> bytes:
-    """The bytes of a body file. Raises InputError for what is no regular file of a usable size."""
+    """The content of a body file. Raises InputError unless it is a regular file of a usable size."""
     try:
         if path.exists() and not path.is_file():
             found = "a folder" if path.is_dir() else "not a regular file"
@@ -84,16 +83,15 @@ def read_body(path: Path) -> bytes:
             allowed = f"1 to {MAX_BYTES} bytes"
             raise InputError("cannot read the body", where=str(path), found=f"{size} bytes", allowed=allowed)
         return path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a path that no system can have
+    except (OSError, ValueError) as error:  # ValueError: an impossible path
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError("cannot read the body", where=str(path)[:200], found=reason, next_step=BODY_HELP) from error
 
 
 def body_xml(content: bytes, *, source: str, folder: Path) -> BodyXml:
-    """The elements of a body file, and a look at every file that it includes. folder: of the file, for includes.
+    """Read the elements of a body file, and check all files that it includes. folder: of the file.
 
-    Raises InputError: XML that cannot be read, no body, too many links or elements, or sizes too large, all with their
-    lines.
+    Raises InputError, with lines, for XML that cannot be read, no body, too many elements, or sizes too large.
     """
     counts = _Counts()
     root = _elements(content, source, counts, times=1)
@@ -102,7 +100,7 @@ def body_xml(content: bytes, *, source: str, folder: Path) -> BodyXml:
         found = f"the outermost element is <{root.tag[:80]}>"
         raise InputError("neither URDF nor MJCF", where=source, found=found, next_step=BODY_HELP)
     seen: set[Path] = set()
-    for include in counts.includes:  # grows while it is walked
+    for include in counts.includes:  # this list grows in the loop
         path = next((place for place in (include.folder(folder) / include.name, folder / include.name)
                      if place.exists()), folder / include.name)  # fmt: skip
         if path in seen or len(seen) >= MAX_INCLUDES:
@@ -120,27 +118,27 @@ def body_xml(content: bytes, *, source: str, folder: Path) -> BodyXml:
             where=source,
             found=str(counts.links),
             allowed=f"at most {MAX_LINKS}",
-            next_step="Give the body of one robot, without its surroundings",
+            next_step="Give the body of one robot, without its scene",
         )
     return BodyXml(root, kind)
 
 
 @dataclass(frozen=True)
 class _Include:
-    """An MJCF file that is included. source: by which file; times: how often, inside of <replicate>."""
+    """An included MJCF file. source: the file that includes it; times: by <replicate>."""
 
     name: str
     source: str
     times: int
 
     def folder(self, main: Path) -> Path:
-        """The folder of the file that includes it; main: that of the body."""
+        """Folder of the file that includes it; main: that of the body."""
         return Path(self.source).parent if Path(self.source).is_file() else main
 
 
 @dataclass
 class _Counts:
-    """The sizes of a body with all that it includes."""
+    """Sizes of a body with its includes."""
 
     elements: int = 0
     links: int = 0
@@ -152,9 +150,9 @@ class _Counts:
     problems: list[Problem] = field(default_factory=list)
 
     def add(self, tag: str, attributes: dict[str, str], *, inside: str, times: int, place: tuple[str, int]) -> None:
-        """Count an element that is repeated so many times, inside of another. place: its file and line."""
+        """Count an element that is repeated, inside of another. place: its file and line."""
         source, line = place
-        self.problems += _told(tag, attributes, source, line)
+        self.problems += _size_problems(tag, attributes, source, line)
         self.links += times * (tag in ("link", "body"))
         before, self.replicated = self.replicated, self.replicated + times * (times > 1)
         if before <= MAX_REPLICATED < self.replicated:
@@ -169,11 +167,11 @@ class _Counts:
 
 
 class _RefusedXmlError(Exception):
-    """The problems of XML that is no robot's."""
+    """Problems of XML that no robot has."""
 
 
 def _elements(content: bytes, source: str, counts: _Counts, *, times: int) -> Element:
-    """The outermost element. times: how often the file is included."""
+    """The outermost element. times: number of includes of the file."""
     builder, parser = TreeBuilder(), expat.ParserCreate(namespace_separator="}")
     repeats, outer = [times], [""]
 
@@ -220,20 +218,23 @@ def _elements(content: bytes, source: str, counts: _Counts, *, times: int) -> El
 
 
 def _count(attributes: dict[str, str]) -> int:
-    """The times that <replicate> repeats what it holds; what is no number counts as too many."""
+    """Number of copies by <replicate>; too many if it is no number."""
     try:
-        return max(int(attributes.get("count", "1")), 1)  # MuJoCo refuses less, once it has read what is inside
+        return max(int(attributes.get("count", "1")), 1)  # MuJoCo refuses less later
     except ValueError:
         return MAX_REPLICATED + 1
 
 
-def _told(tag: str, attributes: dict[str, str], source: str, line: int) -> list[Problem]:
-    """Sizes that are too large, or no numbers."""
+def _size_problems(tag: str, attributes: dict[str, str], source: str, line: int) -> list[Problem]:
     most = {**SIZES[""], **SIZES.get(tag, {}), **PRODUCTS.get(tag, {})}
     problems = []
     for name in filter(most.__contains__, attributes):
         text, allowed = attributes[name], most[name]
-        values = _numbers(text) if name != "memory" else _memory(text)
+        if name == "memory":
+            found = _BYTES.fullmatch(text)
+            values = [float("inf") if found is None else int(found[1]) * _UNITS[found[2]]]
+        else:
+            values = _numbers(text)
         size = prod(map(abs, values)) if name in PRODUCTS.get(tag, {}) else max(values, default=0.0)
         if not size <= allowed:
             problems.append(_too_much(f"{name} of <{tag}> is too large", source, line, allowed, found=text))
@@ -241,17 +242,11 @@ def _told(tag: str, attributes: dict[str, str], source: str, line: int) -> list[
 
 
 def _numbers(text: str) -> list[float]:
-    """The numbers of an attribute; what is none counts as infinite."""
+    """The numbers of an attribute; infinite if it has others."""
     try:
         return [float(word) for word in text.split()]
     except ValueError:
         return [float("inf")]
-
-
-def _memory(text: str) -> list[float]:
-    """Bytes, with a letter of their unit."""
-    found = _BYTES.fullmatch(text)
-    return [float("inf") if found is None else int(found[1]) * _UNITS[found[2]]]
 
 
 def _too_much(what: str, source: str, line: int, most: float, *, found: str = "") -> Problem:

@@ -1,4 +1,4 @@
-"""Work on files of others, tried first in a child process with limits of memory and time."""
+"""Work on untrusted files, tried first in a child process with limits of memory and time."""
 
 import json
 import os
@@ -16,32 +16,30 @@ from typing import NoReturn
 from retarget.errors import InputError, Problem, RefusedError
 
 MEMORY = 1_000_000_000
-"""Most memory, bytes, that compiling a body may take, beyond what the process has: ten times what large meshes take."""
+"""Memory of the child beyond this process's, bytes: ten times that of large meshes."""
 CPU_S = 30
-"""Most time of a processor, s: a robot whose meshes have 400,000 triangles takes 6 s, and five times that on a small
-board."""
+"""Processor time of the child, s: meshes of 400,000 triangles take 6 s, and five times that on a small board."""
 PATIENCE_S = 120.0
-"""Most time, s, that the child may take on a busy machine."""
+"""Time of the child on a busy machine, s."""
 MOST = 1 << 20
-"""Bytes of a child's answer that are read."""
+"""Size of the child's answer, bytes."""
 MOST_PROBLEMS = 50
-"""Problems of a file that are passed on."""
+"""Number of reported problems of a file."""
 DONE, REFUSED, MEMORY_ERROR, DEFECT = 0, 10, 11, 12
-"""Exit codes of the child; with another one, or by a signal, it was ended by MuJoCo or by a limit."""
+"""Exit codes of the child. MuJoCo or a limit ended it with others."""
 BUSY = "End other programs, or raise the limit of processes (ulimit -u)"
 HELP = "Give the body of one robot, with simpler meshes"
 
 
 def try_in_child(work: Callable[[], object], *, source: str) -> None:
-    """Do some work in a child process first, so that a file that takes all memory or time, or ends the process, does no
-    harm here. It is forked from this one (5 ms, where a new one would take 200 to load MuJoCo), and starts no thread.
+    """Do some work in a forked child first, in which a file cannot exhaust memory or time, or end this process.
 
-    Raises InputError: the work takes too much, or refuses the file. A defect of ours passes: it shows when the work is
-    done here. source: names the file.
+    Raises InputError if the work takes too much, or refuses the file. Other errors are left to the work in this
+    process. source: name of the file.
     """
     reading, writing = os.pipe()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # other threads: the child needs no lock of theirs
+        warnings.simplefilter("ignore", DeprecationWarning)  # of other threads, whose locks the child does not need
         try:
             child = os.fork()
         except OSError as error:
@@ -59,7 +57,7 @@ def try_in_child(work: Callable[[], object], *, source: str) -> None:
     finally:
         os.close(reading)
         with suppress(ProcessLookupError):
-            os.kill(child, signal.SIGKILL)  # it has ended, or it is too late, or Ctrl-C was pressed
+            os.kill(child, signal.SIGKILL)  # at its end, too late, or after Ctrl-C
         _, status = os.waitpid(child, 0)
     if answer is not None:
         _judge(answer, os.waitstatus_to_exitcode(status), source)
@@ -68,13 +66,13 @@ def try_in_child(work: Callable[[], object], *, source: str) -> None:
 
 
 def _judge(answer: bytes, code: int, source: str) -> None:
-    """Raise what the child found."""
+    """Raise the error of the child."""
     problems = [Problem(**problem) for problem in json.loads(answer)] if answer else []
     if problems:
         raise InputError.from_problems(problems, title=f"{source}: {len(problems)} problems")
     if code == MEMORY_ERROR:
         raise _too_much(source, f"more than {MEMORY / 1e6:g} MB")
-    if code == -signal.SIGKILL:  # of the kernel where memory is short, or of the limit of time
+    if code == -signal.SIGKILL:  # of the kernel, for memory, or of the time limit
         raise _too_much(source, "it was killed")
     if code == -signal.SIGXCPU:
         raise _too_much(source, f"more than {CPU_S} s of a processor")
@@ -88,7 +86,7 @@ def _too_much(source: str, found: str) -> InputError:
 
 
 def _answer(reading: int) -> bytes | None:
-    """All that the child writes until it ends; None where it does not end in time."""
+    """The child's output; None if it does not end in time."""
     answer = b""
     while select.select((reading,), (), (), PATIENCE_S)[0]:
         part = os.read(reading, MOST)
@@ -99,7 +97,7 @@ def _answer(reading: int) -> bytes | None:
 
 
 def _work_and_leave(work: Callable[[], object], writing: int) -> NoReturn:
-    """The child: never returns, prints nothing, and runs nothing at its exit."""
+    """Work of the child, which never returns and prints nothing."""
     code = DEFECT
     try:
         sys.stdout = sys.stderr = nowhere = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
@@ -107,7 +105,7 @@ def _work_and_leave(work: Callable[[], object], writing: int) -> NoReturn:
             os.dup2(nowhere.fileno(), stream)
         used = resource.getpagesize() * int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
         for kind, most in ((resource.RLIMIT_AS, used + MEMORY), (resource.RLIMIT_CPU, CPU_S)):
-            # At a hard limit of time the kernel kills, as it does without memory.
+            # At a hard limit of time the kernel kills, as for memory.
             _, hard = resource.getrlimit(kind)
             resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -1,7 +1,7 @@
 """The virtual human: a body of one person's size as MJCF, its degrees of freedom, speeds and reference postures.
 
-The paper's "18 joints (51 degrees of freedom)" are read as seventeen internal joints of three axes each beside the six
-of the root (57 velocities), of which two axes of each knee and the sideward axis of each elbow are locked.
+The paper's 51 degrees of freedom are 17 internal joints with three axes each, of which two axes of each knee and the
+sideways axis of each elbow are locked, and the six of the root.
 """
 
 from collections.abc import Iterable, Mapping
@@ -30,11 +30,8 @@ from retarget.model.human_dimensions import (
 from retarget.model.meshes import SolidBody, solid_body
 from retarget.types import ORIENTED, BoolArray, FloatArray
 
-# The virtual human as MJCF text, written from one person's dimensions.
-#
-# Links are named for the joint at their near end, so that a link's origin is that joint's centre; hinges are
-# `<joint>_<motion>`. Sites are the points that no joint carries: head, hands, toes, and the soles. Shapes are capsules
-# and a sphere, massless: masses and inertias stand in <inertial>.
+# MJCF of the virtual human. Links have the name of the joint at their origin, hinges are `<joint>_<motion>`, and sites
+# are head, hands, toes and soles. Shapes have no mass.
 
 _HEADER = """<mujoco model="human">
   <compiler angle="degree" autolimits="true" boundmass="1e-6" boundinertia="1e-9"/>
@@ -45,13 +42,13 @@ _HEADER = """<mujoco model="human">
   <worldbody>"""
 
 _RADII: Mapping[str, float] = TABLES["radii"]
-"""Radius of each link's capsule, and of the head's sphere, as a share of stature."""
+"""Radii of the links' capsules and of the head's sphere, relative to stature."""
 _POINT_M = 1e-3
-"""A link shorter than this is a point: its shape is a sphere."""
+"""A shorter link is a point, m: its shape is a sphere."""
 
 
 def human_mjcf(dimensions: HumanDimensions) -> str:
-    """MJCF text of the human, standing with the soles on the ground (z = 0), facing x."""
+    """Return the MJCF of the human, standing with the soles on the ground (z = 0), facing x."""
     lines = [_HEADER]
     _write_link(lines, HUMAN_JOINTS[0], dimensions, depth=2)
     lines += ["  </worldbody>", "</mujoco>", ""]
@@ -84,7 +81,7 @@ def _write_link(lines: list[str], joint: HumanJoint, dimensions: HumanDimensions
 
 
 def _inertial(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
-    """Mass, centre of mass and inertia of a thick rod: radius of gyration across it, its radius about it."""
+    """Mass, centre of mass and inertia of a thick rod; gyration: across it."""
     segment = next((segment for segment in SEGMENTS if segment.body == kind_of(joint.name)), None)
     if segment is None:
         return []
@@ -103,11 +100,10 @@ def _inertial(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
 
 
 def _segment_point(name: str, joint: HumanJoint, dimensions: HumanDimensions) -> FloatArray:
-    """Point (3,) of a segment's table entry in the link's frame, in the rest posture."""
+    """Point (3,) of a segment's entry, m, in the link's frame."""
     if name == kind_of(joint.name):
         return np.zeros(3)
     if name in TRUNK_LEVELS:
-        # At a share of the way from the middle of the hips to that of the shoulders.
         at = dict(zip(POINTS, dimensions.standing(), strict=True))
         hips, shoulders = (0.5 * (at[f"l_{part}"] + at[f"r_{part}"]) for part in ("hip", "shoulder"))
         return np.asarray(hips + TRUNK_LEVELS[name] * (shoulders - hips) - at[joint.name])
@@ -136,7 +132,7 @@ def _shapes(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
 
 
 def _foot_ends(name: str, dimensions: HumanDimensions) -> tuple[FloatArray, FloatArray]:
-    """Axis (two points (3,), in the foot's frame) of the capsule that stands on the sole from heel to toe tip."""
+    """Axis of the sole's capsule, from heel to toe tip: two points (3,) m in the foot's frame."""
     stature, radius = dimensions.stature, _RADII["ankle"] * dimensions.stature
     toe = dimensions.of(name[:2] + "toe")
     height = -FRACTIONS.ankle_height * stature + radius
@@ -149,7 +145,7 @@ def _foot_ends(name: str, dimensions: HumanDimensions) -> tuple[FloatArray, Floa
 
 
 def _capsule(name: str, start: FloatArray, end: FloatArray, radius: float) -> str:
-    if norm(end - start) < _POINT_M:  # some files leave a link of the trunk out
+    if norm(end - start) < _POINT_M:  # a file may lack a link of the trunk
         return f'<geom name="{name}" type="sphere" pos="{_text(start)}" size="{radius:.6g}"/>'
     return f'<geom name="{name}" fromto="{_text(start)} {_text(end)}" size="{radius:.6g}"/>'
 
@@ -159,13 +155,12 @@ def _text(values: FloatArray) -> str:
 
 
 POSTURES: Mapping[str, Mapping[str, float]] = TABLES["postures"]
-"""Reference postures: name -> motion (`knee_flexion`: both knees) -> degrees. A posture task pulls the joints towards
-one of these."""
+"""Reference postures: name -> motion, of both sides -> degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class Human:
-    """A virtual human. `locked` (nv,): DoFs that stay at zero. `mjcf`: the text that `body` was compiled from."""
+    """A virtual human. locked (nv,): DoFs that stay at zero. mjcf: source of `body`."""
 
     dimensions: HumanDimensions
     body: BodyModel
@@ -174,22 +169,19 @@ class Human:
 
     @cached_property
     def solid(self) -> SolidBody:
-        """What is drawn of it."""
+        """The body to draw."""
         return solid_body(self.body)
 
     def posture(self, name: str) -> FloatArray:
-        """Reference posture q (nq,), m, wxyz and rad, standing at the origin. Raises ConfigError with the nearest
-        names."""
+        """Return a reference posture (nq,) at the origin. Raises ConfigError with the nearest names."""
         if name not in POSTURES:
             allowed = ", ".join(POSTURES)
             raise ConfigError("unknown posture", found=name, allowed=allowed, next_step=suggest(name, POSTURES))
         return self.posture_from(POSTURES[name].items())
 
     def posture_from(self, angles_deg: Iterable[tuple[str, float]]) -> FloatArray:
-        """Posture q (nq,) from (motion, degrees) pairs over the zero posture; no side means both sides.
-
-        Raises ConfigError: unknown motion, or outside the limits of a joint.
-        """
+        """Return the posture (nq,) of (motion, degrees) pairs; motions without a side are of both. Raises ConfigError
+        for unknown motions, or outside a joint's limits."""
         q = self.body.qpos0.copy()
         single, address = self.body.scalar_joints()
         for motion, degrees in angles_deg:
@@ -205,7 +197,7 @@ class Human:
 
 
 def build_human(dimensions: HumanDimensions) -> Human:
-    """The virtual human of this size. About 5 ms, after MuJoCo's own import."""
+    """Return the virtual human of this size, in about 5 ms."""
     mjcf = human_mjcf(dimensions)
     body = body_from_file(compile_body_text(mjcf, source=f"virtual human ({dimensions.origin})", own=True))
     locked = {f"{joint.name}_{hinge.motion}": hinge.locked for joint in HUMAN_JOINTS for hinge in joint.hinges}
@@ -213,7 +205,7 @@ def build_human(dimensions: HumanDimensions) -> Human:
 
 
 def human_limits(body: BodyModel) -> JointLimits:
-    """Anatomical positions, the speeds of the table, no limit on acceleration."""
+    """Return anatomical limits of position, and the speeds of the table."""
     return JointLimits(
         lower=body.lower,
         upper=body.upper,
@@ -222,11 +214,8 @@ def human_limits(body: BodyModel) -> JointLimits:
     )
 
 
-# What a reconstruction yields each tick: a posture of the virtual human, and where its parts are.
-
-
 class PostureReader:
-    """Joint centres, orientations and the centre of mass of a human's postures."""
+    """Computes joint centres, orientations and centres of mass of a human's postures."""
 
     def __init__(self, human: Human) -> None:
         self._body = human.body.solver_body()
@@ -237,13 +226,13 @@ class PostureReader:
         self._probe = Probe(self._body, self._links, self._local, self._oriented)
 
     def read(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Read a posture (nq,): joints (m, 3) m, orientations (3, 4) wxyz, and centre of mass (3,) m."""
+        """Return joints (m, 3) m, orientations (3, 4) wxyz and centre of mass (3,) m of a posture (nq,)."""
         return self._probe.read(q)
 
     def joints(self, q: FloatArray) -> FloatArray:
-        """Centres (T, m, 3) m of all POINTS, for postures (T, nq)."""
+        """Return the centres (T, m, 3) m of POINTS, for postures (T, nq)."""
         return self._body.points(q, self._links, self._local)
 
     def orientations(self, q: FloatArray) -> FloatArray:
-        """Orientations (T, 3, 4) wxyz of ORIENTED, for postures (T, nq)."""
+        """Return the orientations (T, 3, 4) wxyz of ORIENTED, for postures (T, nq)."""
         return self._body.orientations(q, self._oriented)

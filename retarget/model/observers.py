@@ -20,21 +20,18 @@ from retarget.schema.priorities import ObserverSettings
 from retarget.schema.profile_parts import Observer
 from retarget.types import FloatArray, IntArray
 
-# Which observers are looked at together: not those of one link or of neighbours, not what the profile ignores, and
-# not what touches at rest (paper, "Handling self collisions").
+# Pairs of observers that are checked (paper, "Handling self collisions").
 
 NEAR_LINKS = 2
-"""Links that are so many steps apart along the body may touch at rest and are then never looked at; what is farther
-apart and touches is a fault of the neutral posture or of the shapes."""
+"""Links at most so many joints apart may touch at rest, and are not checked then. Others that touch are errors."""
 
 AT_HOME = 0.75
-"""Most of a pair's distance at rest that may be margin. Asked for more, a body could never rest: nothing below would
-move."""
+"""Greatest margin of a pair, relative to its distance at rest; a larger one could not be kept there."""
 
 
 @dataclass(frozen=True)
 class DroppedPair:
-    """Two observers, by name, that are not looked at together, and why. neighbours: on links that one joint parts."""
+    """Names of two observers that are not checked against each other. neighbours: on links with one joint between."""
 
     first: str
     second: str
@@ -44,10 +41,9 @@ class DroppedPair:
 
 @dataclass(frozen=True, eq=False)
 class PairRules:
-    """neutral: posture (nq,) in which pairs that touch are dropped. resting: others in which the body is at home: a
-    pair's margin is at most a share of its distance in any of them. ignored: links, and why. where: for messages.
-    given: the body is that of a person, as it was measured: whatever touches is dropped, as there is no profile to
-    correct."""
+    """Rules for pairs. neutral: posture (nq,) in which pairs that touch are dropped. resting: others that bound
+    margins. ignored: links, and reasons. where: for messages. given: a measured human, without a profile to correct,
+    whose touching pairs are all dropped."""
 
     neutral: FloatArray
     resting: tuple[FloatArray, ...] = ()
@@ -59,8 +55,8 @@ class PairRules:
 def checked_pairs(
     body: BodyModel, observers: "Observers", rules: PairRules
 ) -> tuple[IntArray, tuple[DroppedPair, ...], FloatArray]:
-    """Pairs (p, 2) that are looked at, those that are not, and most that each of the first keeps (p,) m. Raises
-    ConfigError: far along the body, and touching at rest."""
+    """Return checked pairs (p, 2), dropped pairs, and greatest margins (p,) m. Raises ConfigError for parts that are
+    far apart along the body and touch in the neutral posture."""
     ignored = {frozenset(pair[:2]): pair[2] for pair in rules.ignored}
     checked, dropped = [], []
     for first, second in zip(*np.triu_indices(len(observers.names), 1), strict=True):
@@ -96,7 +92,8 @@ def checked_pairs(
 
 
 def placed(body: BodyModel, observers: "Observers", q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """World positions (..., n, 3) and orientations (..., n, 4) wxyz of the observers' frames in postures (..., nq)."""
+    """Return world positions (..., n, 3) and orientations (..., n, 4) wxyz of observers' frames in postures (...,
+    nq)."""
     solver, links, rows = body.solver_body(), observers.links.tolist(), np.ascontiguousarray(np.atleast_2d(q))
     position = solver.points(rows, links, np.ascontiguousarray(observers.positions))
     quat = rotations.multiply(solver.orientations(rows, links), observers.quats)
@@ -104,7 +101,7 @@ def placed(body: BodyModel, observers: "Observers", q: FloatArray) -> tuple[Floa
 
 
 def _distances(body: BodyModel, observers: "Observers", pairs: IntArray, q: FloatArray) -> FloatArray:
-    """Signed distance (p,) m of each pair in a posture (nq,)."""
+    """Signed distances (p,) m of pairs in a posture (nq,)."""
     position, quat = placed(body, observers, q)
     kinds, sizes = observers.kinds, observers.sizes
     a, b = (np.ascontiguousarray(column) for column in pairs.T)
@@ -114,21 +111,20 @@ def _distances(body: BodyModel, observers: "Observers", pairs: IntArray, q: Floa
 
 
 def steps_between(body: BodyModel, first: int, second: int) -> int:
-    """How many links with joints lie on the way from one link to another: 0 for links that never move apart."""
+    """Return the number of links with joints between two links."""
     return len(body.links_between(first, second).intersection(body.joint_body.tolist()))
 
 
 NO_SCENE = SceneShapes(
     (), np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool)
 )
-"""A scene without obstacles."""
 
 ShapeRow = tuple[ShapeKind, tuple[float, float, float], FloatArray, FloatArray]
-"""Code, sizes (3,) m, position (3,) m and quat (4,) wxyz of a shape's canonical frame on its link."""
+"""Kind, sizes (3,) m, position (3,) m and quat (4,) wxyz of a shape's canonical frame on its link."""
 
 
 class Part(NamedTuple):
-    """An observer: the number of its link, its shape there (see `ShapeRow`), influence and margin, m."""
+    """An observer: number of its link, shape (see `ShapeRow`), influence and margin, m."""
 
     link: int
     kind: ShapeKind
@@ -141,13 +137,12 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Observers:
-    """n observers of a body and the p pairs of them that are looked at.
+    """n observers of a body and p checked pairs.
 
-    links (n,); kinds (n,) and sizes (n, 3) as in `scene_shapes`; positions (n, 3) m and quats (n, 4) wxyz of the
-    canonical frames on the links; influence, margin (n,) m. pairs (p, 2): numbers of observers. dropped: pairs that
-    are not looked at. pair_margin (p,) m: most that a pair keeps, as it is not much farther apart where the body rests.
-    stands (n,): is on a link with a sole, so it does not look at the ground; ground_margin (n,) m: as pair_margin, from
-    the ground.
+    links (n,); kinds (n,), sizes (n, 3): see `scene_shapes`; positions (n, 3) m, quats (n, 4) wxyz: of canonical frames
+    on the links; influence, margin (n,) m. pairs (p, 2): rows of observers; dropped: other pairs; pair_margin (p,) m:
+    greatest margins. stands (n,): on a link with a sole, not checked against the ground; ground_margin (n,) m: greatest
+    margins to the ground.
     """
 
     names: tuple[str, ...]
@@ -165,12 +160,12 @@ class Observers:
     ground_margin: FloatArray
 
     def with_margin(self, margin: float | None) -> "Observers":
-        """The same, all with another margin, m; None: each its own."""
+        """Return the observers with another margin, m; None: their own."""
         return self if margin is None else replace(self, margin=np.full_like(self.margin, margin))
 
     def obstacle_pairs(self, scene: SceneShapes) -> tuple[IntArray, FloatArray]:
-        """Pairs (m, 2) of an observer and an obstacle of a scene that it looks at, and most that each keeps (m,) m:
-        all but soles and the ground, one obstacle after the other."""
+        """Return checked pairs (m, 2) of observers and obstacles, obstacle by obstacle, without soles and ground; and
+        greatest margins (m,) m."""
         which, obstacle = (part.ravel() for part in np.indices((len(self.names), len(scene.names))).swapaxes(1, 2))
         looks = ~(self.stands[which] & scene.ground[obstacle])
         most = np.where(scene.ground[obstacle], self.ground_margin[which], np.inf)
@@ -179,8 +174,8 @@ class Observers:
     def for_solver(
         self, body: BodyModel, scene: SceneShapes = NO_SCENE, *, looks: NDArray[np.bool_] | None = None
     ) -> _solver.Observers:
-        """The same for the compiled solver, which looks at the k obstacles of a scene too. looks (n, k): which observer
-        looks at which; absent: as `obstacle_pairs` has it."""
+        """Return the observers for the compiled solver, with k obstacles of a scene. looks (n, k): mask of checked
+        pairs; None: `obstacle_pairs`."""
         obstacle_pairs, most = self.obstacle_pairs(scene)
         if looks is not None:
             obstacle_pairs = np.ascontiguousarray(np.argwhere(looks))
@@ -206,8 +201,7 @@ class Observers:
 
 
 def robot_observers(robot: RobotBody) -> Observers:
-    """The observers of a robot's profile. Raises ConfigError: parts far apart along the body touch in the neutral
-    posture."""
+    """Return the observers of a robot's profile. Raises ConfigError; see `checked_pairs`."""
     profile, body = robot.profile, robot.body
     parts = {
         name: Part(body.body_index(entry.link), *_shape(body, entry), entry.influence, entry.margin)
@@ -227,11 +221,8 @@ def robot_observers(robot: RobotBody) -> Observers:
 
 
 def _on_ground(robot: RobotBody, observers: Observers) -> Observers:
-    """The same for a robot on its feet: soles, and the links that fixed joints hold to them, do not look at the ground;
-    what comes near it at home keeps less.
-
-    Raises ConfigError for a part that is below the soles in the neutral posture.
-    """
+    """Observers of a robot on its feet, whose soles are not checked against the ground. Raises ConfigError for a part
+    below the soles in the neutral posture."""
     postures = robot.profile.postures
     feet = frozenset[str]().union(*robot.foot_links)
     stands = np.array([robot.body.body_names[link] in feet for link in observers.links.tolist()], dtype=bool)
@@ -254,8 +245,7 @@ def _on_ground(robot: RobotBody, observers: Observers) -> Observers:
 
 
 def _heights(robot: RobotBody, observers: Observers, angles: dict[str, float]) -> FloatArray:
-    """Height (n,) m of the lowest point of each observer over the plane of the robot's first sole, with these joint
-    angles, rad."""
+    """Lowest heights (n,) m of observers above the plane of the first sole, with these joint angles, rad."""
     q, sole = robot.posture(angles), (next(iter(robot.profile.feet.values())).frame,)
     position, quat = placed(robot.body, observers, q)
     n = len(observers.names)
@@ -269,7 +259,7 @@ def _heights(robot: RobotBody, observers: Observers, angles: dict[str, float]) -
 
 
 def assemble(body: BodyModel, parts: Mapping[str, Part], rules: PairRules) -> Observers:
-    """Observers from a part for each name."""
+    """Return observers by name, with their checked pairs."""
     rows = tuple(parts.values())
     none = Observers(
         names=tuple(parts),
@@ -291,7 +281,7 @@ def assemble(body: BodyModel, parts: Mapping[str, Part], rules: PairRules) -> Ob
 
 
 def geom_shape(geom: Geom) -> ShapeRow | None:
-    """The shape of a geom of the body file; None for kinds that no observer has (meshes, ellipsoids)."""
+    """Return the shape of a geom; None for kinds without observers (meshes, ellipsoids)."""
     size = tuple(float(value) for value in geom.size)
     first, second, third = size
     known = {
@@ -320,28 +310,27 @@ def _shape(body: BodyModel, observer: Observer) -> ShapeRow:
     return row
 
 
-# Observers of a virtual human: the lines of the paper, or a capsule on every segment.
+# Observers of the virtual human: lines of the paper, or capsules of all segments.
 
 NEUTRAL = "attractor"
-"""Posture in which pairs that touch are dropped: arms away from the trunk."""
-LIMBS = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
-"""Ends of the paper's eight lines, four on the upper and four on the lower limbs: joints by name, each side."""
+"""Posture in which pairs that touch are dropped, with arms away from the trunk."""
+LIMB_LINES = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+"""Ends of the paper's lines on the limbs of each side, by joint."""
 HEAD = "head"
 
 ObserverSet = Literal["none", "lines", "lines_and_head", "capsules"]
 
 
 def human_observers(human: Human, settings: ObserverSettings) -> Observers | None:
-    """The observers of a human of this size; None where the settings want none."""
+    """Return the observers of a human; None without any."""
     chosen = settings.human
     if chosen == "none":
         return None
     zone = settings.influence, 0.01 if settings.margin is None else settings.margin
     parts = {}
     if chosen != "capsules":
-        for near, far in LIMBS:
+        for near, far in LIMB_LINES:
             for side in "lr":
-                # A line from a link's joint to the next.
                 link, end = human.body.body_index(f"{side}_{near}"), human.dimensions.of(f"{side}_{far}")
                 turn = np.array(arc((0.0, 0.0, 1.0), as_vector(end)))
                 line = ShapeKind.CAPSULE, (0.0, 0.5 * norm(end), 0.0), 0.5 * end, turn
@@ -356,15 +345,13 @@ def human_observers(human: Human, settings: ObserverSettings) -> Observers | Non
     return assemble(human.body, parts, rules)
 
 
-# Contacts: observers that touch each other, or an obstacle.
-
 CONTACT_M = 1e-4
-"""Deeper than this (m) is contact, as for the solver; less is rounding."""
+"""Least depth of a contact, m, as in the solver; less is rounding."""
 
 
 @dataclass(frozen=True)
 class Contact:
-    """An observer and what it touches (another, or an obstacle), and how deep, m."""
+    """An observer, the observer or obstacle that it touches, and the depth, m."""
 
     part: str
     other: str
@@ -380,7 +367,7 @@ def contacts(
     time: float = 0.0,
     deeper_than: float = CONTACT_M,
 ) -> tuple[Contact, ...]:
-    """Contacts in posture q (nq,) at a time of the scene, s, of checked pairs and with obstacles; deepest first."""
+    """Return the contacts in posture q (nq,) at a time of the scene, s, the deepest first."""
     position, quat = placed(body, observers, q)
     n, pairs = len(observers.names), observers.pairs
     kinds, sizes, others = observers.kinds, observers.sizes, observers.names

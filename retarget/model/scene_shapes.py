@@ -1,4 +1,4 @@
-"""The shapes of a scene as arrays for the solver, each in its canonical frame: centred there, long along z."""
+"""Shapes of a scene as arrays for the solver, each in its canonical frame: at its centre, z along its length."""
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -16,11 +16,11 @@ from retarget.types import FloatArray
 UP: Vector = (0.0, 0.0, 1.0)
 DOWN: Vector = (0.0, 0.0, -1.0)
 UP_TO_DOWN: Quat = (0.0, 1.0, 0.0, 0.0)
-"""Unit vectors, world, and the half turn about x, wxyz, that takes one to the other."""
+"""Unit vectors, world, and the half turn about x between them, wxyz."""
 
 
 class ShapeKind(IntEnum):
-    """Codes of the solver. A sphere is a capsule of half length 0, a segment one of radius 0."""
+    """Codes of the solver. Spheres are capsules of half length 0, segments of radius 0."""
 
     CAPSULE = 0
     CYLINDER = 1
@@ -32,9 +32,8 @@ class ShapeKind(IntEnum):
 class SceneShapes:
     """k obstacles in the order of the file.
 
-    kinds (k,): codes of `ShapeKind`. sizes (k, 3) m: radius, half length, 0 of a capsule or cylinder; half sizes of a
-    box; 0 of a half-space, which is solid at z <= 0. influence, margin (k,) m. ground (k,): soles stand
-    on it.
+    kinds (k,): see `ShapeKind`. sizes (k, 3) m: radius, half length, 0 of capsules and cylinders; half sizes of boxes;
+    0 of half-spaces, solid at z <= 0. influence, margin (k,) m. ground (k,): True if soles stand on it.
     """
 
     names: tuple[str, ...]
@@ -45,13 +44,12 @@ class SceneShapes:
     ground: NDArray[np.bool_]
 
     def with_margin(self, margin: float | None) -> "SceneShapes":
-        """The same, all with another margin, m; None: each its own."""
+        """Return the shapes with another margin, m; None: their own."""
         return self if margin is None else replace(self, margin=np.full_like(self.margin, margin))
 
 
 def mujoco_geom(kind: ShapeKind, sizes: FloatArray, *, thinnest: float) -> tuple[Any, FloatArray]:
-    """MuJoCo's type and size of a canonical shape of these sizes (3,) m. It knows no shapes without thickness: they are
-    made `thinnest`, m. A plane has no end."""
+    """Return MuJoCo's type and size of a canonical shape with sizes (3,) m, at least `thinnest` m thick."""
     types = engine().mjtGeom
     if kind is ShapeKind.CAPSULE and sizes[1] == 0.0:
         return types.mjGEOM_SPHERE, np.maximum(sizes, thinnest)
@@ -66,7 +64,7 @@ def mujoco_geom(kind: ShapeKind, sizes: FloatArray, *, thinnest: float) -> tuple
 
 
 def scene_shapes(scene: Scene) -> SceneShapes:
-    """The shapes of a scene."""
+    """Return the shapes of a scene."""
     obstacles = scene.obstacles.values()
     shapes = [canonical(obstacle.shape) for obstacle in obstacles]
     return SceneShapes(
@@ -80,8 +78,7 @@ def scene_shapes(scene: Scene) -> SceneShapes:
 
 
 def canonical(shape: SolidShape) -> tuple[ShapeKind, Vector, Pose]:
-    """Code, sizes (3,) and T_obstacle_shape: where the shape's canonical frame is in the obstacle's own, or on its
-    link."""
+    """Return kind, sizes (3,) m, and T_obstacle_shape of the canonical frame in the obstacle's own, or on its link."""
     if shape.segment is not None:
         return ShapeKind.CAPSULE, (0.0, _half(shape.segment), 0.0), _along(shape.segment)
     if shape.capsule is not None:
@@ -102,11 +99,11 @@ def _half(line: LineSegment) -> float:
 
 
 def _along(line: LineSegment) -> Pose:
-    """Frame in the middle of a line, z from its start to its end."""
+    """Frame in the middle of a line, z from start to end."""
     x, y, z = plus(line.start, line.end)
     return Pose((0.5 * x, 0.5 * y, 0.5 * z), _turn_to(minus(line.end, line.start)))
 
 
 def _turn_to(direction: Vector) -> Quat:
-    """A rotation that takes z to a direction; by way of down where that is nearer, because an arc near pi is vague."""
+    """A turn of z to a direction, from the nearer of up and down, as an arc near pi is ill-conditioned."""
     return arc(UP, direction) if direction[2] >= 0.0 else product(arc(DOWN, direction), UP_TO_DOWN)
