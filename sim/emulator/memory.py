@@ -1,4 +1,4 @@
-"""The memory of a device: bytes laid out as its control table says, with indirect addressing."""
+"""The memory of a device: bytes in the layout of its control table, with indirect addressing."""
 
 from typing import NamedTuple
 
@@ -7,17 +7,17 @@ from hardware.dynamixel.control_table import ControlTable, Register
 
 
 class RegisterWrite(NamedTuple):
-    """One register that a write reaches whole, and the counts for it."""
+    """A register that a write covers to its end, and its new counts."""
 
     register: Register
     value: int
 
 
 class Memory:
-    """Bytes of a control table, all zero at first. Holes read as 0 when a read also covers a defined register.
+    """The bytes of a control table, all zero at first. Holes read as 0 when a read also covers a defined register.
 
-    An indirect data byte stands for the byte at the address in its indirect address register; where that leads to
-    indirect data again, it is plain storage (a servo follows one step).
+    An indirect data byte stands for the byte at the address in its indirect address register. Where that leads to
+    indirect data again, it is plain storage: a servo follows one step.
     """
 
     def __init__(self, table: ControlTable) -> None:
@@ -44,23 +44,31 @@ class Memory:
         """Return the counts of a register, `default` where the model does not have it."""
         return self.value(name) if self.table.has(name) else default
 
+    def scaled(self, name: str) -> float:
+        """Return the value of a register in the unit of its scale."""
+        return self.value(name) * (self.table[name].scale or 0.0)
+
+    def flag(self, name: str, mask: int) -> bool:
+        """Return whether a bit of a register is set; False where the model does not have it."""
+        return bool(self.value_or(name, 0) & mask)
+
     def put(self, name: str, value: int) -> None:
-        """Set a register, whatever its access; beyond its width the value is clipped to what it holds."""
+        """Set a register, whatever its access, clipped to its width; nothing where the model does not have it."""
         if self.table.has(name):
             self.store(self.table[name], value)
 
     def store(self, register: Register, value: int) -> None:
-        """Set a register of this table, clipped to what it holds."""
+        """Set a register of this table, clipped to its width."""
         counts = min(max(value, register.narrowest), register.widest)
         self.image[register.address : register.end] = register.encode(counts)
 
     def readable(self, address: int, length: int) -> bool:
-        """Whether a read stays inside the table and meets anything that is defined."""
+        """Return whether a read stays inside the table and covers any defined register."""
         end = address + length
         return length > 0 and address >= 0 and end <= len(self.image) and 1 in self._defined[address:end]
 
     def slice(self, address: int, length: int) -> bytes:
-        """Return the bytes of a readable range, indirect data followed."""
+        """Return the bytes of a readable range, with indirect data resolved."""
         end = address + length
         if end <= self.plain_end:
             return bytes(self.image[address:end])
@@ -76,15 +84,15 @@ class Memory:
         return address if pointed in self._pointers or pointed >= len(self.image) else pointed
 
     def touches(self, address: int, length: int, first: int, last: int) -> bool:
-        """Whether a read of a range shows any byte from `first` up to, not including, `last`."""
+        """Return whether a read of a range shows any byte from `first` to before `last`."""
         end = address + length
         if end <= self.plain_end:
             return address < last and end > first
         return any(first <= self.target(place) < last for place in range(address, end))
 
     def parts(self, address: int, data: bytes) -> list[RegisterWrite] | Error2:
-        """Return the registers that a write covers, in order, or the error for it: DATA_LENGTH for a register
-        that is not covered to its end, ACCESS for a hole, the table's end and what is read only. Nothing changes."""
+        """Return the registers that a write covers, in order, or its error: DATA_LENGTH for a register that is not
+        covered to its end, ACCESS for a hole, a read-only register and the end of the table."""
         if not data:
             return Error2.DATA_LENGTH
         if address + len(data) > len(self.image):

@@ -1,14 +1,13 @@
 """An emulated servo of the older layout: MX-28/64 and AX-12A with protocol 1.0, XL-320 with 2.0.
 
-Source: e-Manual, both protocols, MX-28, MX-64, AX-12A and XL-320. Its errors are not latched: they stand as long as the
-cause lasts (an overload: until torque or torque limit are written again), with protocol 1.0 in every status, with 2.0
-in Hardware Error Status, and every status has the alert bit. Whether an XL-320 latches them the e-Manual does not say.
-Errors that Shutdown (18) names switch torque off and set Torque Limit to 0. There is no bus watchdog. The D gain has no
-effect here.
+Source: e-Manual, both protocols, MX-28, MX-64, AX-12A and XL-320. Errors are not latched: they last as long as their
+cause, an overload until torque or torque limit are written again. Protocol 1.0 sends them in every status, 2.0 the
+alert bit. The e-Manual does not say whether an XL-320 latches them. Errors in Shutdown (18) switch torque off and set
+Torque Limit to 0. There is no bus watchdog. The D gain has no effect here.
 
-A write that reaches Goal Position (30) or Moving Speed (32) switches torque on by itself. The e-Manual is silent on
-that; it is public field knowledge of protocol 1.0 (vanadiumlabs/arbotix_ros #9, Luos-io/Pyluos #59, poppy-docs #36),
-not verified on hardware, and taken for the XL-320, too.
+A write that reaches Goal Position (30) or Moving Speed (32) switches torque on. The e-Manual does not mention that; it
+is public field knowledge of protocol 1.0 (vanadiumlabs/arbotix_ros #9, Luos-io/Pyluos #59, poppy-docs #36), not
+verified on hardware, and assumed for the XL-320.
 """
 
 from enum import Enum, auto
@@ -25,17 +24,15 @@ from sim.emulator.servo_body import OVERLOAD, ServoBody, ServoBuild
 from sim.emulator.shaft import Law, Shaft, path_by_velocity
 from sim.servo_model import IDLE_CURRENT, LARGEST_CURRENT
 
-# From the registers of this layout to the numbers of the servo's loop, and back to the registers that show its state.
-
 FULL_TORQUE = 1023.0
 """Torque Limit (34) and Max Torque (14) that do not limit: 100 % (e-Manual)."""
 DEFAULT_SLOPE = 32  # compliance slope of an AX-12A, and P gain of an MX
 STILL = 0.01  # share of the top speed below which Moving (46) is 0
-_TICKS = 32768  # the realtime tick wraps, ms
+TORQUE_AMPERES = 4.5e-3  # [A] of a count of Goal Torque (71)
 
 
 class Mode1(Enum):
-    """What the two angle limits (e-Manual, 6 and 8), or Control Mode (XL-320, 11), make of a servo."""
+    """Modes of a servo, by its angle limits (e-Manual, 6 and 8) or Control Mode (XL-320, 11)."""
 
     JOINT = auto()
     WHEEL = auto()
@@ -47,7 +44,7 @@ WHEEL_MODE = 1
 
 
 def mode_of(memory: Memory) -> Mode1:
-    """Return the mode that its registers stand for."""
+    """Return the mode that the registers define."""
     if memory.table.has("control_mode"):
         return Mode1.WHEEL if memory.value("control_mode") == WHEEL_MODE else Mode1.JOINT
     limits = memory.value("cw_angle_limit"), memory.value("ccw_angle_limit")
@@ -58,7 +55,7 @@ def mode_of(memory: Memory) -> Mode1:
 
 
 def goal_bounds1(memory: Memory) -> tuple[int, int]:
-    """Return the lowest and highest goal position that is taken."""
+    """Return the lowest and highest goal position that is accepted."""
     mode = mode_of(memory)
     if mode is Mode1.JOINT:
         return memory.value("cw_angle_limit"), memory.value("ccw_angle_limit")
@@ -67,9 +64,9 @@ def goal_bounds1(memory: Memory) -> tuple[int, int]:
 
 
 def shown_position(memory: Memory, position: float, *, back: bool = False) -> float:
-    """Return what the registers show for a shaft `position` (tick); back: the shaft position for what they show.
+    """Return the register value of a shaft `position` (tick); back: the shaft position of a register value.
 
-    Only multi-turn mode knows offset and divider (e-Manual, 20 and 22).
+    Offset and divider count only in multi-turn mode (e-Manual, 20 and 22).
     """
     if mode_of(memory) is not Mode1.MULTI_TURN:
         return position
@@ -97,12 +94,9 @@ def tune_loop1(shaft: Shaft, memory: Memory, model: ServoModel, supplied: float)
         shaft.integral = memory.value("i_gain") * 1000.0 / 2048.0 / (gain / 8.0) if gain else 0.0
 
 
-_MOVERS = frozenset(("goal_position", "moving_speed"))  # a write to them switches torque on
-
-
 class Refusals(NamedTuple):
-    """The numbers of a protocol for what a servo refuses: an instruction with wrong parameters, an unknown one, a count
-    out of a register's range, a goal beyond the limits, a write to what is locked."""
+    """Error numbers of a protocol: wrong parameters, an unknown instruction, a count out of range, a goal beyond the
+    limits, a write to a locked register."""
 
     malformed: int
     unknown: int
@@ -119,8 +113,7 @@ REFUSALS = {
 
 
 class EmulatedServo1(ServoBody):
-    """A servo with a table of the older layout, in the protocol of the table. A goal position or moving speed switches
-    torque on (field knowledge, not verified)."""
+    """A servo with a table of the older layout, in the protocol of the table."""
 
     shown = 36, 52
 
@@ -135,20 +128,20 @@ class EmulatedServo1(ServoBody):
     def place(self, position: float) -> None:
         """Put the shaft where the present position reads `position` (tick); the goal register goes with it."""
         self.shaft.position = position
-        self._goal_to_present()
+        self._set_goal(round(shown_position(self.memory, position)))
         self.tune()
 
     def answer(self, error: int = 0, data: bytes = b"") -> Answer:
-        """Return an answer with the errors that last; with protocol 2.0 it only says that there are some."""
+        """Return an answer with the lasting errors; with protocol 2.0 with the alert bit only."""
         standing = self._wrong if self.protocol == 1 else ALERT * bool(self._wrong)
         return Answer(error | standing, data)
 
     def error_of(self, error: Error2) -> int:
-        """Return an error of the memory; protocol 1.0 has one for every bad range of registers."""
+        """Return an error of the memory; protocol 1.0 has a single one for every bad range of registers."""
         return Error1.RANGE if self.protocol == 1 else error
 
     def live(self, now: float) -> dict[str, float]:
-        """What the registers that show its state show at `now` (s)."""
+        """Return the values of the registers that show its state at `now` (s)."""
         shaft, electrics, tick = self.shaft, self.electrics, self.servo_model.tick_rad
         load = min(max(electrics.current - IDLE_CURRENT, 0.0) / LARGEST_CURRENT, 1.0)
         return {
@@ -158,36 +151,32 @@ class EmulatedServo1(ServoBody):
             "present_voltage": 10.0 * electrics.voltage,
             "present_temperature": electrics.warmth,
             "moving": abs(shaft.velocity) > STILL * shaft.full,
-            "realtime_tick": int(1000.0 * (now - self.started)) % _TICKS,
+            "realtime_tick": self.realtime_tick(now),
         }
 
     def tune(self) -> None:
-        """Take every setting from the registers."""
+        """Apply every setting in the registers."""
         super().tune()
         tune_loop1(self.shaft, self.memory, self.servo_model, self.electrics.supplied)
         self.shaft.refresh()
 
     @property
     def barred(self) -> bool:
-        """Whether an error that Shutdown names keeps torque off."""
-        return bool(self._raw_errors & self.memory.value("shutdown"))
-
-    @property
-    def _raw_errors(self) -> int:
-        """The errors as the bits of Shutdown: those of the status, or of Hardware Error Status."""
-        if not self.table.has("hardware_error_status"):
-            return self._wrong
-        return int.from_bytes(self.table["hardware_error_status"].encode(self._wrong), "little")
+        """True if an error in Shutdown keeps torque off."""
+        bits = self._wrong
+        if self.table.has("hardware_error_status"):  # its bits are those of Shutdown
+            bits = int.from_bytes(self.table["hardware_error_status"].encode(bits), "little")
+        return bool(bits & self.memory.value("shutdown"))
 
     def note(self, wrong: int) -> None:
-        """Errors last as long as their cause; those that Shutdown names switch torque off."""
+        """Keep errors as long as their cause lasts; those in Shutdown switch torque off."""
         self._overload = self._overload or bool(wrong & OVERLOAD)
-        self._take_errors(wrong | (OVERLOAD if self._overload else 0))
+        self._show_errors(wrong | (OVERLOAD if self._overload else 0))
         if self.barred and self.shaft.torque:
             self.memory.put("torque_limit", 0)
             self._set_torque(False)
 
-    def _take_errors(self, wrong: int) -> None:
+    def _show_errors(self, wrong: int) -> None:
         self._wrong = wrong
         self.memory.put("hardware_error_status", wrong)
 
@@ -206,80 +195,75 @@ class EmulatedServo1(ServoBody):
         return answer
 
     def refusal(self, part: RegisterWrite) -> int:
-        """Return the error by which a register refuses a value."""
+        """Return the error by which a register refuses a value, 0 if it is accepted."""
         register, value = part
         locked = self.shaft.torque if self.protocol == 2 else self.memory.value("lock") != 0
         if locked and (register.address < self.table.eeprom_end or (register.name == "lock" and not value)):
             return self._refusals.locked
         if not register.allows(value):
             return self._refusals.range
-        if register.name == "goal_position":
-            low, high = goal_bounds1(self.memory)
-            return 0 if low <= value <= high else self._refusals.limit
-        return 0
+        low, high = goal_bounds1(self.memory) if register.name == "goal_position" else (value, value)
+        return 0 if low <= value <= high else self._refusals.limit
 
     def react(self, names: set[str], now: float) -> None:
-        """Let the registers `names`, which have just been written, take effect."""
+        """Apply the registers `names`, which have just been written. A goal position or moving speed switches torque on
+        (field knowledge)."""
         if {"torque_enable", "torque_limit"} & names:
             self._overload = False
             self.check()
         if {"cw_angle_limit", "ccw_angle_limit", "control_mode"} & names:
-            self._goal_to(self.memory.value("goal_position"))
+            self._set_goal(self.memory.value("goal_position"))
         self.tune()
         if "torque_enable" in names:
             self._set_torque(bool(self.memory.value("torque_enable")))
-        if not self.shaft.torque and names & _MOVERS:
+        if not self.shaft.torque and names & {"goal_position", "moving_speed"}:
             self._set_torque(True)
-        self._aim(now)
+        if self.shaft.torque:
+            self._aim(now)
 
     def _set_torque(self, on: bool) -> None:
-        """Switch torque; on, it goes to whatever the goal registers hold."""
+        """Switch torque; on, the shaft holds its position."""
         if self.switch(on):
             self.shaft.refresh()
             if self.shaft.torque:
                 self.shaft.hold()
 
     def _aim(self, now: float) -> None:
-        """Go to what the goal registers hold."""
+        """Go to the goal registers."""
         shaft, memory = self.shaft, self.memory
-        if not shaft.torque:
-            return
         unit = (self.table["moving_speed"].scale or 0.0) / self.servo_model.tick_rad  # [tick/s]
-        asked = memory.value("moving_speed") * unit
-        tick_rate = self.table["goal_acceleration"].scale if self.table.has("goal_acceleration") else 0.0
-        rate = memory.value_or("goal_acceleration", 0) * (tick_rate or 0.0) / self.servo_model.tick_rad
+        moving_speed = memory.value("moving_speed") * unit
+        has_rate = self.table.has("goal_acceleration")
+        rate = memory.scaled("goal_acceleration") / self.servo_model.tick_rad if has_rate else 0.0
         if shaft.law is not Law.POSITION:
-            torque = memory.value_or("goal_torque", 0) * 4.5e-3
-            shaft.speed = torque if shaft.law is Law.CURRENT else asked
+            current = memory.value_or("goal_torque", 0) * TORQUE_AMPERES
+            shaft.speed = current if shaft.law is Law.CURRENT else moving_speed
             shaft.ramp = rate or inf
         else:
             goal = shown_position(memory, memory.value("goal_position"), back=True)
             if shaft.path is None or shaft.path.goal != goal:
                 place, speed = shaft.trajectory() if shaft.path is not None else (shaft.position, shaft.velocity)
-                top = min(abs(asked) or shaft.full, shaft.full)
+                top = min(abs(moving_speed) or shaft.full, shaft.full)
                 shaft.path = None
-                if (asked or rate) and top > 0.0:
+                if (moving_speed or rate) and top > 0.0:
                     shaft.path = path_by_velocity(
                         goal, position=place, velocity=speed, top=top, acceleration=rate, now=now
                     )
             shaft.target = goal
         shaft.refresh()
 
-    def _goal_to_present(self) -> None:
-        self._goal_to(round(shown_position(self.memory, self.shaft.position)))
-
-    def _goal_to(self, count: int) -> None:
+    def _set_goal(self, count: int) -> None:
         """Set the goal register, within its limits."""
         low, high = goal_bounds1(self.memory)
         self.memory.put("goal_position", max(min(count, high), low))
 
     def _reset(self) -> None:
-        """RAM after a start; the position is counted within one turn again where the model has a whole turn."""
+        """Bring RAM to its state after a start; a model with a whole turn counts within one turn again."""
         super()._reset()
         self._overload = False
-        self._take_errors(0)
+        self._show_errors(0)
         self.memory.put("torque_limit", self.memory.value("max_torque"))
         if self._starting and mode_of(self.memory) is not Mode1.JOINT:
             self.shaft.position %= self.servo_model.ticks
-        self._goal_to_present()
+        self._set_goal(round(shown_position(self.memory, self.shaft.position)))
         self.tune()

@@ -1,4 +1,4 @@
-"""An emulated servo of the X layout: registers that work, and motion behind them.
+"""An emulated servo of the X layout: working registers, and motion behind them.
 
 Source: e-Manual, X series and protocol 2.0. Motion, current and heat: `sim.emulator.shaft` and `sim.emulator.power`.
 """
@@ -15,6 +15,7 @@ from sim.emulator.servo2_registers import (
     ALL,
     GOALS,
     POSITION,
+    PROFILE,
     RESETS,
     BusWatchdog,
     Condition,
@@ -23,8 +24,8 @@ from sim.emulator.servo2_registers import (
     bound_goals,
     factory_reset,
     goal_bounds,
-    goal_to_present,
     open_limits,
+    put_goal,
     refusal,
     reset_for_mode,
     restore_eeprom,
@@ -43,7 +44,7 @@ _PARAMETERS: dict[int, tuple[bytes, ...]] = {
     Instruction.CLEAR: (CLEAR_TURNS,),
     Instruction.CONTROL_TABLE_BACKUP: (STORE, RESTORE),
 }
-"""What may stand behind these instructions."""
+"""Parameters of these instructions."""
 _IGNORES_BROADCAST_RESET = 42  # first firmware that ignores a factory reset of everything that is broadcast
 TORQUE_BY_GOAL = 0x08  # bit of Drive Mode (10)
 TORQUE_AT_START = 0x01  # bit of Startup Configuration (60)
@@ -58,12 +59,11 @@ IN_POSITION = 16  # [tick] not documented
 FOLLOWING_ERROR = 512  # [tick] not documented
 _SPEED_AND_POSITION = Struct("<ii")
 _WRAP = 0x80000000  # positions are shown in 32 bits
-_TICKS = 32768  # the realtime tick wraps, ms
 _FULL_LOAD = 1000  # load register, 0.1 %
 
 
 def _wrapped(position: float) -> int:
-    """A position as the 32 bits of its register show it."""
+    """Return a position as its register of 32 bits shows it."""
     return (round(position) + _WRAP & 2 * _WRAP - 1) - _WRAP
 
 
@@ -91,18 +91,18 @@ class EmulatedServo(ServoBody):
 
     @property
     def tripped(self) -> bool:
-        """Whether the bus watchdog has stopped it."""
+        """True if the bus watchdog has stopped it."""
         return self._watchdog.tripped
 
     @property
     def moving(self) -> bool:
-        """Whether it turns faster than its moving threshold."""
+        """True if it turns faster than its moving threshold."""
         return abs(self.shaft.velocity) > self._threshold
 
     def place(self, position: float) -> None:
         """Put the shaft where the present position reads `position` (tick); the goal register goes with it."""
         self._encoder.place(position)
-        goal_to_present(self.memory, position)
+        put_goal(self.memory, "goal_position", round(position))
         self.tune()
 
     def receive(self, now: float) -> None:
@@ -114,7 +114,7 @@ class EmulatedServo(ServoBody):
             watchdog.feed(now)
 
     def read(self, address: int, length: int, now: float) -> Answer:
-        """Return the bytes of a range, or the error for it. What a host reads every cycle, the motion, is quick."""
+        """Return the bytes of a range, or the error for it. The motion, which a host reads every cycle, is quick."""
         end = address + length
         if MOTION <= address < end <= MOTION_END:
             self.catch_up(now)
@@ -125,7 +125,7 @@ class EmulatedServo(ServoBody):
         return super().read(address, length, now)
 
     def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
-        """Carry out a write; a refused one is dropped. What a host writes every cycle, goal positions, is quick."""
+        """Carry out a write; a refused one is dropped. Goal positions, written every cycle, are quick."""
         if address == _GOAL and len(data) == 4 and now >= self._awake_at:
             self.catch_up(now)
             goal = int.from_bytes(data, "little", signed=True)
@@ -136,7 +136,7 @@ class EmulatedServo(ServoBody):
         super().write(address, data, now, secondary=secondary)
 
     def live(self, now: float) -> dict[str, float]:
-        """What the registers that show its motion show at `now` (s); the others change when it is checked."""
+        """Return the registers that show its motion at `now` (s); the others change when it is checked."""
         shaft = self.shaft
         place, speed = shaft.trajectory() if shaft.path is not None else (shaft.target, 0.0)
         if not shaft.torque:
@@ -144,7 +144,7 @@ class EmulatedServo(ServoBody):
         off = abs(place - shaft.position)
         status = off <= IN_POSITION if shaft.path is None else 2 | shaft.path.kind << 4
         return {
-            "realtime_tick": int(1000.0 * (now - self.started)) % _TICKS,
+            "realtime_tick": self.realtime_tick(now),
             "moving": self.moving,
             "moving_status": status | 8 * (off > FOLLOWING_ERROR),
             "present_pwm": FULL_PWM * shaft.drive(),
@@ -155,7 +155,7 @@ class EmulatedServo(ServoBody):
         }
 
     def _measured(self) -> None:
-        """Show current or load, voltage and temperature as they are now."""
+        """Refresh the registers of current or load, voltage and temperature."""
         electrics = self.electrics
         load = min(max((electrics.current - IDLE_CURRENT) / LARGEST_CURRENT, 0.0), 1.0)
         values = {
@@ -169,7 +169,7 @@ class EmulatedServo(ServoBody):
         self.show_values(values)
 
     def hold_current(self, stuck: bool, now: float) -> None:
-        """Show the same current from now on, or the true one again."""
+        """Keep the shown current, or show the true one again."""
         self.catch_up(now)
         self._current_stuck = stuck
 
@@ -183,7 +183,7 @@ class EmulatedServo(ServoBody):
         return refusal(self.memory, part, condition)
 
     def ignores_broadcast(self, instruction: int, params: bytes) -> bool:
-        """Whether an instruction to all devices is not for this one, as a reset of everything is since firmware 42."""
+        """Return whether it ignores a broadcast, as a reset of everything since firmware 42."""
         if instruction == Instruction.FACTORY_RESET and params[:1] == bytes((ALL,)):
             return self.memory.value("firmware_version") >= _IGNORES_BROADCAST_RESET
         return super().ignores_broadcast(instruction, params)
@@ -191,50 +191,39 @@ class EmulatedServo(ServoBody):
     def special(self, instruction: int, params: bytes, now: float) -> Answer:
         """Carry out a reset, a restart, the clearing of turns, or a backup."""
         alert = self._alert  # that of a latched error is still sent
-        return Answer(self._special(instruction, params, now) | alert, b"")
-
-    def _special(self, instruction: int, params: bytes, now: float) -> int:
+        known = _PARAMETERS.get(instruction)
+        backs_up = instruction == Instruction.CONTROL_TABLE_BACKUP
+        error = Error2.NONE
         if instruction == Instruction.REBOOT:
             self.reboot(now)
-            return Error2.NONE
-        known = _PARAMETERS.get(instruction)
-        if known is None or (instruction == Instruction.CONTROL_TABLE_BACKUP and not self.table.has("backup_ready")):
-            return self.unknown
-        if params not in known:
-            return Error2.DATA_RANGE if len(params) == len(known[0]) else Error2.DATA_LENGTH
-        if instruction == Instruction.CLEAR:
-            return self._clear_turns()
-        if instruction == Instruction.CONTROL_TABLE_BACKUP:
-            return self._back_up(now, restores=params == RESTORE)
-        factory_reset(self.memory, params[0])
-        self.reboot(now)
-        return Error2.NONE
-
-    def _clear_turns(self) -> Error2:
-        """Fold the position to one turn; what it holds goes along, so that nothing moves."""
-        if self.moving:
-            return Error2.RESULT_FAIL
-        self._encoder.clear_turns()
-        if self.shaft.law is Law.POSITION:
-            self.shaft.path = None
-            self.shaft.target = self.shaft.position if self.tripped else self.memory.value("goal_position")
-        self.tune()
-        return Error2.NONE
-
-    def _back_up(self, now: float, *, restores: bool) -> Error2:
-        """Store the control table, or restore what was stored."""
-        if self.shaft.torque or (restores and self.backup is None):
-            return Error2.RESULT_FAIL
-        if restores and self.backup is not None:
+        elif known is None or (backs_up and not self.table.has("backup_ready")):
+            return Answer(self.unknown | alert, b"")
+        elif params not in known:
+            error = Error2.DATA_RANGE if len(params) == len(known[0]) else Error2.DATA_LENGTH
+        elif instruction == Instruction.FACTORY_RESET:
+            factory_reset(self.memory, params[0])
+            self.reboot(now)
+        elif instruction == Instruction.CLEAR and self.moving:
+            error = Error2.RESULT_FAIL
+        elif instruction == Instruction.CLEAR:
+            # The position is folded to one turn; the goal is shifted by as much, so that nothing moves.
+            self._encoder.clear_turns()
+            if self.shaft.law is Law.POSITION:
+                self.shaft.path = None
+                self.shaft.target = self.shaft.position if self.tripped else self.memory.value("goal_position")
+            self.tune()
+        elif self.shaft.torque or (params == RESTORE and self.backup is None):
+            error = Error2.RESULT_FAIL
+        elif params == RESTORE and self.backup is not None:
             restore_eeprom(self.memory, self.backup)
             self.reboot(now)
         else:
             self.backup = bytes(self.memory.image)
             self.memory.put("backup_ready", 1)
-        return Error2.NONE
+        return Answer(error | alert, b"")
 
     def react(self, names: set[str], now: float) -> None:
-        """Let the registers `names`, which have just been written, take effect."""
+        """Apply the registers `names`, which have just been written."""
         memory = self.memory
         if not names <= GOALS:
             mode = memory.value("operating_mode")
@@ -251,21 +240,22 @@ class EmulatedServo(ServoBody):
         if "torque_enable" in names:
             self._set_torque(bool(memory.value("torque_enable")), now)
         if names & GOALS:
-            if memory.value_or("drive_mode", 0) & TORQUE_BY_GOAL and not self.shaft.torque:
+            if memory.flag("drive_mode", TORQUE_BY_GOAL) and not self.shaft.torque:
                 self._set_torque(True, now)
             self._aim(now)
             self.tune()
 
     def pass_events(self, now: float) -> None:
-        """Let time pass up to `now`; the bus watchdog stops the servo on the way."""
+        """Let time pass up to `now` (s); the bus watchdog may stop the servo meanwhile."""
         deadline = self._watchdog.deadline
         if now > deadline:
             super().pass_events(deadline)
             if self._watchdog.deadline == deadline:  # the bus has been silent for too long: it stops
                 self._watchdog.trip()
                 self.let_go(self.shaft.time)
-                for name, value in (("bus_watchdog", -1), ("profile_acceleration", 0), ("profile_velocity", 0)):
-                    self.memory.put(name, value)
+                self.memory.put("bus_watchdog", -1)
+                for name in PROFILE:
+                    self.memory.put(name, 0)
                 self.shaft.hold()
                 self.tune()
         super().pass_events(now)
@@ -286,30 +276,30 @@ class EmulatedServo(ServoBody):
         self._direct = range(low, high + 1) if stepping and not memory.value("profile_velocity") else range(0)
 
     def note(self, wrong: int) -> None:
-        """Latch what is wrong."""
+        """Latch new errors, bits."""
         self._measured()
         if wrong & ~self._latched:
             self._latch(wrong)
 
     def overload(self, now: float) -> None:
-        """Latch an overload, as at the end of what `ServoElectrics` counts."""
+        """Latch an overload, as when `ServoElectrics` has counted to its end."""
         self.catch_up(now)
         if self._awake_at < inf and not self._starting:
             self._latch(OVERLOAD)
 
     def wake(self, now: float) -> None:
-        """End a start: see what is wrong, and switch torque on where the startup configuration says so."""
+        """End a start: check for errors, and switch torque on if the startup configuration has that bit."""
         self.check()
-        if self.memory.value_or("startup_configuration", 0) & TORQUE_AT_START:
+        if self.memory.flag("startup_configuration", TORQUE_AT_START):
             self._set_torque(True, now)
 
     @property
     def barred(self) -> bool:
-        """Whether a latched error keeps torque off."""
+        """True if a latched error keeps torque off."""
         return bool(self._latched and self._latched & self.memory.value("shutdown") & ERRORS)
 
     def _latch(self, bits: int) -> None:
-        """Keep hardware errors until the next start; those that the shutdown mask names switch torque off."""
+        """Keep hardware errors until the next start; those in the shutdown mask switch torque off."""
         self._latched |= bits
         self._alert = ALERT
         self.memory.put("hardware_error_status", self._latched)
@@ -317,7 +307,7 @@ class EmulatedServo(ServoBody):
             self._set_torque(False, self.shaft.time)
 
     def _set_torque(self, on: bool, now: float) -> None:
-        """Switch torque; on, it goes to whatever the goal registers hold."""
+        """Switch torque; on, it goes to the goal registers."""
         shaft = self.shaft
         if self.switch(on):
             self._watchdog.arm(self.memory.value_or("bus_watchdog", 0), now, torque=shaft.torque)
@@ -330,12 +320,12 @@ class EmulatedServo(ServoBody):
         self.tune()
 
     def _aim(self, now: float, *, fresh: bool = False) -> None:
-        """Go to what the goal registers hold, unless the bus watchdog has stopped it."""
+        """Go to the goal registers, unless the bus watchdog has stopped it."""
         if self.shaft.torque and not self.tripped:
             aim(self.shaft, self.memory, tick=self.servo_model.tick_rad, now=now, fresh=fresh)
 
     def _reset(self) -> None:
-        """RAM after a start; the position is counted within one turn again."""
+        """Bring RAM to its state after a start; the position is counted within one turn again."""
         super()._reset()
         self._latched = self._alert = 0
         self._watchdog = BusWatchdog()
@@ -343,5 +333,5 @@ class EmulatedServo(ServoBody):
         open_limits(self.memory)
         self._encoder.follow_settings()
         self._encoder.fold()
-        goal_to_present(self.memory, self.shaft.position)
+        put_goal(self.memory, "goal_position", round(self.shaft.position))
         self.tune()

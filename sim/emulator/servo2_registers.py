@@ -1,10 +1,9 @@
-"""The registers of a 2.0 servo at work: writes that are refused, the control loop, goals, resets, position counting and
-the bus watchdog.
+"""The registers of a 2.0 servo at work: refused writes, control loop, goals, resets, position counting, bus watchdog.
 
-Units that the e-Manual leaves open are taken as PWM counts per tick of error
-(P), per tick and ms (I), per tick/ms (D and first feedforward). The default D gain belongs to the loop that the P gain
-alone describes, as in the mock bus; only what is set beyond it damps. The second feedforward gain and the velocity
-gains have no effect on a motor without inertia.
+Source: e-Manual, X series and protocol 2.0. Units that it leaves open are taken as PWM counts per tick of error (P),
+per tick and ms (I), per tick/ms (D and first feedforward). The default D gain belongs to the loop that the P gain alone
+describes, as in the mock bus; only what is set beyond it damps. The second feedforward gain and the velocity gains have
+no effect on a motor without inertia.
 """
 
 from enum import Enum
@@ -12,27 +11,25 @@ from math import inf
 from typing import NamedTuple
 
 from hardware.dynamixel.codec import Error2
-from hardware.dynamixel.control_table import Register
 from hardware.servo import FULL_PWM, GAIN_UNIT, HOMING_REACH, ServoModel, lag_of_gain
 from sim.emulator.memory import Memory, RegisterWrite
 from sim.emulator.shaft import Law, ProfilePath, Shaft, path_by_time, path_by_velocity
 
-# What a servo of protocol 2.0 refuses to write, register by register (facts of the e-Manual's control tables).
-
 CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
 """Values of Operating Mode (11)."""
-GOALS = frozenset(("goal_pwm", "goal_current", "goal_velocity", "goal_position"))
-GOAL_LIMITS = (("goal_pwm", "pwm_limit"), ("goal_current", "current_limit"), ("goal_velocity", "velocity_limit"))
+GOAL_LIMITS = {"goal_pwm": "pwm_limit", "goal_current": "current_limit", "goal_velocity": "velocity_limit"}
 """Goals, and the registers that bound their magnitude."""
-TIME_BASED = 0x04  # bit of Drive Mode (10)
+GOALS = frozenset((*GOAL_LIMITS, "goal_position"))
+REVERSE, TIME_BASED = 0x01, 0x04
+"""Bits of Drive Mode (10)."""
 MAX_PROFILE_TIME = 32737  # [ms] of 108 and 112 with a time-based profile
-_BITS = frozenset(("drive_mode", "startup_configuration"))  # their `highest` is a mask
-_LIMIT_OF = dict(GOAL_LIMITS)
+RAM_RESTORE = 0x02  # bit of Startup Configuration (60)
+PROFILE = ("profile_acceleration", "profile_velocity")
+_LAWS = {CURRENT: Law.CURRENT, VELOCITY: Law.VELOCITY, PWM: Law.PWM}
 
 
 class Condition(NamedTuple):
-    """What else a write depends on: torque is on; torque is refused since an error is latched; the bus watchdog has
-    tripped."""
+    """The state on which a write depends: torque is on; a latched error bars torque; the bus watchdog has tripped."""
 
     torque: bool
     barred: bool
@@ -40,30 +37,37 @@ class Condition(NamedTuple):
 
 
 def refusal(memory: Memory, part: RegisterWrite, condition: Condition) -> Error2:
-    """Return why `part` cannot be written now, Error2.NONE when it can."""
+    """Return the error by which `part` is refused now, Error2.NONE if it is accepted."""
     register, value = part
-    name = register.name
     if condition.torque and register.address < memory.table.eeprom_end:
         return Error2.ACCESS
-    if not register.allows(value) or not _known(memory, name, value):
-        return Error2.DATA_RANGE
-    if name in GOALS:
-        if condition.tripped:
-            return Error2.DATA_RANGE
-        low, high = goal_bounds(memory, name)
-        return Error2.NONE if low <= value <= high else Error2.DATA_LIMIT
-    if name == "bus_watchdog" and condition.tripped and value:
-        return Error2.DATA_RANGE
-    if name == "torque_enable" and value and condition.barred:
-        return Error2.RESULT_FAIL
-    return Error2.NONE
+    # Values inside the range of a register may still have no meaning.
+    known = register.allows(value)
+    match register.name:
+        case "operating_mode":
+            known &= value in memory.table.modes
+        case "drive_mode" | "startup_configuration":  # their `highest` is a mask
+            known &= not value & ~(register.highest or 0)
+        case "profile_velocity" | "profile_acceleration" if memory.flag("drive_mode", TIME_BASED):
+            known &= value <= MAX_PROFILE_TIME
+        case "protocol_type":  # protocol 1.0 and the radio protocols over the X tables are not emulated
+            known &= value == 2
+        case "bus_watchdog":
+            known &= not (condition.tripped and value)
+        case name if name in GOALS:
+            known &= not condition.tripped
+            low, high = goal_bounds(memory, name)
+            if known and not low <= value <= high:
+                return Error2.DATA_LIMIT
+        case "torque_enable" if known and value and condition.barred:
+            return Error2.RESULT_FAIL
+    return Error2.NONE if known else Error2.DATA_RANGE
 
 
 def goal_bounds(memory: Memory, name: str) -> tuple[int, int]:
-    """Return the lowest and highest counts that a goal register takes with the present limits and mode."""
-    limit = _LIMIT_OF.get(name)
-    if limit is not None:
-        most = memory.value(limit)
+    """Return the lowest and highest counts of a goal register with the present limits and mode."""
+    if name in GOAL_LIMITS:
+        most = memory.value(GOAL_LIMITS[name])
         return -most, most
     if memory.value("operating_mode") == POSITION:
         return memory.value("min_position_limit"), memory.value("max_position_limit")
@@ -71,25 +75,8 @@ def goal_bounds(memory: Memory, name: str) -> tuple[int, int]:
     return register.lowest or 0, register.highest or 0
 
 
-def _known(memory: Memory, name: str, value: int) -> bool:
-    """Whether a value inside the register's range is one that has a meaning."""
-    if name == "operating_mode":
-        return value in memory.table.modes
-    if name in _BITS:
-        return not value & ~(memory.table[name].highest or 0)
-    if name in ("profile_velocity", "profile_acceleration") and memory.value_or("drive_mode", 0) & TIME_BASED:
-        return value <= MAX_PROFILE_TIME
-    if name == "protocol_type":
-        # Protocol 1.0 and the radio protocols over the X tables are not emulated: the servo stays with 2.0.
-        return value == 2
-    return True
-
-
-_LAWS = {CURRENT: Law.CURRENT, VELOCITY: Law.VELOCITY, PWM: Law.PWM}
-
-
 def tune_loop(shaft: Shaft, memory: Memory, model: ServoModel, supplied: float) -> None:
-    """Set law, gains and limits of `shaft`; supplied: supply as a share of the nominal voltage."""
+    """Set law, gains and limits of `shaft`. supplied: supply as a share of the nominal voltage."""
     mode = memory.value("operating_mode")
     gain = memory.value("position_p_gain")
     shaft.law = _LAWS.get(mode, Law.POSITION)
@@ -104,158 +91,123 @@ def tune_loop(shaft: Shaft, memory: Memory, model: ServoModel, supplied: float) 
         shaft.forward = 1e-3 * memory.value("feedforward_1st_gain") / 4.0 / per_tick
     share = abs(memory.value("goal_pwm")) / FULL_PWM
     shaft.drive_limit = memory.value("pwm_limit") / FULL_PWM if mode == PWM else share
-    shaft.current_limit = inf
-    if mode == CURRENT_POSITION:
-        shaft.current_limit = abs(memory.value("goal_current")) * (memory.table["goal_current"].scale or 0.0)
-
-
-def goal_speed(memory: Memory, tick: float) -> float:
-    """Return the goal of the laws other than position: tick/s, A or share of full drive; `tick` rad."""
-    mode = memory.value("operating_mode")
-    if mode == CURRENT:
-        return memory.value("goal_current") * (memory.table["goal_current"].scale or 0.0)
-    if mode == PWM:
-        return memory.value("goal_pwm") / FULL_PWM
-    return memory.value("goal_velocity") * (memory.table["goal_velocity"].scale or 0.0) / tick
-
-
-def velocity_ramp(memory: Memory, tick: float, change: float) -> float:
-    """Return the acceleration, tick/s^2, towards a goal velocity that is `change` tick/s away; inf: at once."""
-    value = memory.value("profile_acceleration")
-    if not value:
-        return inf
-    if memory.value_or("drive_mode", 0) & TIME_BASED:
-        return max(abs(change), 1.0) / (1e-3 * value)
-    return value * (memory.table["profile_acceleration"].scale or 0.0) / tick
+    shaft.current_limit = abs(memory.scaled("goal_current")) if mode == CURRENT_POSITION else inf
 
 
 def path_to(goal: int, memory: Memory, tick: float, *, at: tuple[float, float], now: float) -> ProfilePath | None:
-    """Return the profile to `goal` from `at` (tick, tick/s), None where Profile Velocity says step; `tick` rad."""
+    """Return the profile to `goal` from `at` (tick, tick/s), None where Profile Velocity is 0: a step. tick: rad."""
     top, ramp = memory.value("profile_velocity"), memory.value("profile_acceleration")
     if not top:
         return None
     position, velocity = at
-    if memory.value_or("drive_mode", 0) & TIME_BASED:
+    if memory.flag("drive_mode", TIME_BASED):
         return path_by_time(goal, position=position, velocity=velocity, total=1e-3 * top, ramp=1e-3 * ramp, now=now)
     speed = min(top, max(memory.value("velocity_limit"), 1)) * (memory.table["profile_velocity"].scale or 0.0) / tick
-    rate = ramp * (memory.table["profile_acceleration"].scale or 0.0) / tick
+    rate = memory.scaled("profile_acceleration") / tick
     return path_by_velocity(goal, position=position, velocity=velocity, top=speed, acceleration=rate, now=now)
 
 
-# Goal registers of a 2.0 servo: what resets them, what bounds them, and how they become motion.
+def aim(shaft: Shaft, memory: Memory, *, tick: float, now: float, fresh: bool) -> None:
+    """Send the shaft to the goal registers. tick: rad; fresh: torque has just come on, so that a profile starts at
+    rest at the position of the shaft."""
+    if shaft.law is Law.POSITION:
+        # A new profile begins on the old one, or where the loop holds, or at the shaft.
+        here = shaft.position, 0.0 if fresh else shaft.velocity
+        holds = shaft.path is not None or abs(shaft.target - shaft.position) < shaft.lag * shaft.full
+        goal = memory.value("goal_position")
+        shaft.path = path_to(goal, memory, tick, at=shaft.trajectory() if holds and not fresh else here, now=now)
+        shaft.target = goal
+    else:
+        shaft.path = None
+        if shaft.law is Law.CURRENT:
+            shaft.speed = memory.scaled("goal_current")
+        elif shaft.law is Law.PWM:
+            shaft.speed = memory.value("goal_pwm") / FULL_PWM
+        else:
+            shaft.speed = memory.scaled("goal_velocity") / tick
+            acceleration = memory.value("profile_acceleration")
+            if not acceleration:
+                shaft.ramp = inf
+            elif memory.flag("drive_mode", TIME_BASED):
+                shaft.ramp = max(abs(shaft.speed - shaft.trajectory()[1]), 1.0) / (1e-3 * acceleration)
+            else:
+                shaft.ramp = memory.scaled("profile_acceleration") / tick
+    shaft.refresh()
+
+
+# Resets of goals and other registers.
 
 
 def reset_for_mode(memory: Memory) -> None:
-    """Reset what a change of the operating mode resets: gains, profile, goal PWM and goal current (e-Manual, 11)."""
+    """Reset gains, profile, goal PWM and goal current, as a change of the operating mode does (e-Manual, 11)."""
     for register in memory.table.registers:
         if register.name.endswith("_gain"):
             memory.store(register, register.initial or 0)
-    memory.put("profile_acceleration", 0)
-    memory.put("profile_velocity", 0)
+    for name in PROFILE:
+        memory.put(name, 0)
     open_limits(memory)
 
 
 def open_limits(memory: Memory) -> None:
-    """Goal PWM and goal current := their limits."""
-    for goal, limit in GOAL_LIMITS[:2]:
-        memory.put(goal, memory.value_or(limit, 0))
+    """Set goal PWM and goal current to their limits."""
+    for goal in ("goal_pwm", "goal_current"):
+        memory.put(goal, memory.value_or(GOAL_LIMITS[goal], 0))
 
 
 def bound_goals(memory: Memory) -> None:
-    """Pull goal registers inside limits that have moved."""
+    """Bring goal registers inside limits that have changed."""
     for name in GOALS:
         if memory.table.has(name):
-            _put_within(memory, name, memory.value(name))
+            put_goal(memory, name, memory.value(name))
 
 
-def goal_to_present(memory: Memory, position: float) -> None:
-    """Set the goal position register to the present position (tick), within its limits."""
-    _put_within(memory, "goal_position", round(position))
-
-
-def _put_within(memory: Memory, name: str, value: int) -> None:
+def put_goal(memory: Memory, name: str, value: int) -> None:
     """Set a goal register, within its limits."""
     low, high = goal_bounds(memory, name)
     memory.put(name, max(min(value, high), low))
 
 
-def aim(shaft: Shaft, memory: Memory, *, tick: float, now: float, fresh: bool) -> None:
-    """Send the shaft to what the goal registers hold. tick: rad; fresh: torque has just come on, so that a profile
-    starts where the shaft is, and at rest."""
-    if shaft.law is Law.POSITION:
-        goal = memory.value("goal_position")
-        shaft.path = path_to(goal, memory, tick, at=_here(shaft, fresh), now=now)
-        shaft.target = goal
-    else:
-        shaft.path = None
-        shaft.speed = goal_speed(memory, tick)
-        if shaft.law is Law.VELOCITY:
-            shaft.ramp = velocity_ramp(memory, tick, shaft.speed - shaft.trajectory()[1])
-    shaft.refresh()
-
-
-def _here(shaft: Shaft, fresh: bool) -> tuple[float, float]:
-    """Where a new profile begins, (tick, tick/s): on the old one, or where the loop holds, or where the shaft is."""
-    if fresh:
-        return shaft.position, 0.0
-    if shaft.path is not None or abs(shaft.target - shaft.position) < shaft.lag * shaft.full:
-        return shaft.trajectory()
-    return shaft.position, shaft.velocity
-
-
-# What a 2.0 servo's memory holds after a start, a factory reset and a restore of its backup.
-#
-# Source: e-Manual, protocol 2.0 (06 Factory Reset, 20 Control Table Backup), Startup Configuration (60).
-
-RAM_RESTORE = 0x02  # bit of Startup Configuration
 ALL, BUT_ID, BUT_ID_AND_BAUD = 0xFF, 0x01, 0x02
-"""Options of a factory reset."""
+"""Options of a factory reset (e-Manual, protocol 2.0, 06)."""
 RESETS = tuple(bytes((option,)) for option in (ALL, BUT_ID, BUT_ID_AND_BAUD))
-"""What stands behind the instruction."""
+"""Parameters of the instruction."""
 _FIXED = frozenset(("model_number", "model_information", "firmware_version"))
-_SPARED = {ALL: frozenset[str](), BUT_ID: frozenset(("id",)), BUT_ID_AND_BAUD: frozenset(("id", "baud_rate"))}
-_PROFILE = frozenset(("profile_acceleration", "profile_velocity"))
+_SPARED = {ALL: _FIXED, BUT_ID: _FIXED | {"id"}, BUT_ID_AND_BAUD: _FIXED | {"id", "baud_rate"}}
 
 
 def factory_reset(memory: Memory, option: int) -> None:
-    """Set the EEPROM area to the maker's values, what the option (ALL, BUT_ID, BUT_ID_AND_BAUD) spares apart."""
+    """Set the EEPROM area to the maker's values, except for the registers that the option spares."""
     for register in memory.table.registers:
-        if register.address < memory.table.eeprom_end and register.name not in _SPARED[option] | _FIXED:
+        if register.address < memory.table.eeprom_end and register.name not in _SPARED[option]:
             memory.store(register, register.initial or 0)
 
 
 def restore_eeprom(memory: Memory, backup: bytes) -> None:
-    """Set the EEPROM area to what the backup holds."""
+    """Set the EEPROM area to a backup (e-Manual, protocol 2.0, 20)."""
     for register in memory.table.registers:
         if register.address < memory.table.eeprom_end and register.name not in _FIXED:
-            _copy(memory, backup, register)
+            memory.image[register.address : register.end] = backup[register.address : register.end]
 
 
 def restore_ram(memory: Memory, backup: bytes | None) -> None:
-    """Set gains, profile and indirect addresses to what the backup holds, where the startup configuration says so."""
+    """Set gains, profile and indirect addresses to a backup, if the startup configuration has that bit."""
     memory.put("backup_ready", int(backup is not None))
-    if backup is None or not memory.value_or("startup_configuration", 0) & RAM_RESTORE:
+    if backup is None or not memory.flag("startup_configuration", RAM_RESTORE):
         return
     for register in memory.table.registers:
         name = register.name
-        if name.endswith("_gain") or name in _PROFILE or name.startswith("indirect_address_"):
-            _copy(memory, backup, register)
+        if name.endswith("_gain") or name in PROFILE or name.startswith("indirect_address_"):
+            memory.image[register.address : register.end] = backup[register.address : register.end]
 
-
-def _copy(memory: Memory, backup: bytes, register: Register) -> None:
-    memory.image[register.address : register.end] = backup[register.address : register.end]
-
-
-# How a 2.0 servo counts its position: homing offset, reverse mode, folding to one turn.
-#
-# Source: e-Manual, Present Position (132), Homing Offset (20), Drive Mode (10).
 
 TURN = 4096  # [ticks] of one turn in position mode
-REVERSE = 0x01  # bit of Drive Mode
 
 
 class Encoder:
-    """Keeps the position of `shaft` counted as the registers in `memory` say: actual position plus offset."""
+    """Counts the position of `shaft`: the actual position, in one turn or many, plus the homing offset.
+
+    Source: e-Manual, Present Position (132), Homing Offset (20), Drive Mode (10).
+    """
 
     def __init__(self, memory: Memory, shaft: Shaft) -> None:
         self._memory = memory
@@ -265,70 +217,66 @@ class Encoder:
 
     def place(self, position: float) -> None:
         """Put the shaft where the present position reads `position` (tick) with the present settings."""
-        self._offset = self._honoured()
-        self.reversed = self._reverse()
+        self._offset = self._active_offset()
+        self.reversed = self._memory.flag("drive_mode", REVERSE)
         self._shaft.position = position
 
     def fold(self) -> None:
         """Count the actual position within one turn again."""
         actual = (self._shaft.position - self._offset) % TURN
-        self._offset = self._honoured()
+        self._offset = self._active_offset()
         self._shaft.position = actual + self._offset
 
     def follow_settings(self) -> None:
-        """Count anew when offset or direction have changed; the offset keeps its sign in reverse mode."""
-        if self._reverse() != self.reversed:
+        """Apply a change of offset or direction; the offset keeps its sign in reverse mode."""
+        if self._memory.flag("drive_mode", REVERSE) != self.reversed:
             self.reversed = not self.reversed
             self._shaft.position = 2 * self._offset - self._shaft.position
             if self._memory.value("operating_mode") == POSITION:
                 self.fold()
-        offset = self._honoured()
+        offset = self._active_offset()
         self._shaft.position += offset - self._offset
         self._offset = offset
 
     def clear_turns(self) -> None:
-        """Fold to one turn; the goal register goes along as far as its limits let it."""
+        """Fold to one turn, and shift the goal register by as much, within its limits."""
         before = self._shaft.position
         self.fold()
         goal = self._memory.value("goal_position") + round(self._shaft.position - before)
-        _put_within(self._memory, "goal_position", goal)
+        put_goal(self._memory, "goal_position", goal)
 
-    def _reverse(self) -> bool:
-        return bool(self._memory.value_or("drive_mode", 0) & REVERSE)
-
-    def _honoured(self) -> int:
+    def _active_offset(self) -> int:
+        """Return the homing offset; position mode ignores a large one."""
         offset = self._memory.value("homing_offset")
         ignored = self._memory.value("operating_mode") == POSITION and abs(offset) > HOMING_REACH
         return 0 if ignored else offset
 
 
-# The bus watchdog of a 2.0 servo (register 98, 20 ms steps): when the bus has been silent for too long.
-
-STEP = 0.02  # [s] of register 98
+WATCHDOG_STEP = 0.02  # [s] of register 98
 
 
 class FedBy(Enum):
-    """The valid instructions that feed the watchdog. The e-Manual says 'all instruction packets', and not whether those
-    for other ids count."""
+    """The valid instructions that feed the watchdog. The e-Manual names 'all instruction packets', and leaves open
+    whether those for other ids count."""
 
     ANY = "any"
     """All on the line."""
     OWN = "own"
-    """Those to the servo's id or secondary id, and broadcasts (group reads and writes are, whatever ids they name)."""
+    """Those to the servo's id or secondary id, and broadcasts, which include group reads and writes."""
 
 
 class BusWatchdog:
-    """A watchdog that runs only while armed. `tripped`: it has stopped the servo; register 98 is not cleared yet."""
+    """The bus watchdog (98) of a servo. deadline: when it trips unless an instruction is received, s. tripped: it has
+    stopped the servo, and register 98 is not cleared yet."""
 
     def __init__(self) -> None:
         self.deadline = inf
-        """When it trips unless an instruction is received, s."""
         self.tripped = False
         self._period = 0.0
 
     def arm(self, value: int, now: float, *, torque: bool) -> None:
-        """Begin to count at `now` (s) for register value `value`; a value of 0 or less, or no torque: off."""
-        self._period = max(value, 0) * STEP
+        """Begin to count at `now` (s) for a value of the register; a value of 0 or less, or no torque: off."""
+        self._period = max(value, 0) * WATCHDOG_STEP
         self.deadline = now + self._period if self._period and torque and not self.tripped else inf
 
     def feed(self, now: float) -> None:

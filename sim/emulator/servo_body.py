@@ -1,4 +1,4 @@
-"""The common part of emulated servos of both protocols: shaft, electrics, power, start, and applied faults."""
+"""The common part of emulated servos of both protocols: shaft, electrics, power, start and faults."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,16 +11,19 @@ from sim.emulator.power import BROWN_OUT, WINDOW, ServoElectrics, Supply
 from sim.emulator.shaft import Shaft
 from sim.servo_model import AMBIENT
 
+REALTIME_TICKS = 32768  # [ms] after which the realtime tick wraps
+
 VOLTAGE, HEAT, OVERLOAD = 0x01, 0x04, 0x20
-"""Bits of the errors that a servo finds: in every status of protocol 1.0, in Hardware Error Status (70) of the X
-layout."""
-BOOT_TIME = 0.2  # [s] not documented; long enough for the pauses that field software makes
+"""Bits of errors: in every status of protocol 1.0, in Hardware Error Status (70) of the X layout."""
+BOOT_TIME = 0.2  # [s] not documented; long enough for the pauses of field software
 
 
 @dataclass(frozen=True, slots=True)
 class ServoBuild:
-    """How a servo begins: awake at `now` (s), its shaft at `position` (tick), with the `warmth` (degrees Celsius) of
-    what it did before. supply: shared with others, None: its own. boot_time: s of every later start."""
+    """The begin of a servo: awake at `now` (s), its shaft at `position` (tick), at `warmth` (degrees Celsius).
+
+    supply: shared with others, None: its own. boot_time: s of every later start.
+    """
 
     position: float
     now: float = 0.0
@@ -30,28 +33,27 @@ class ServoBuild:
 
 
 class ServoBody(Device):
-    """A servo of a table, as the maker delivers it, at the beginning that `build` says.
+    """A servo of a table, as the maker delivers it, that begins as `build`.
 
-    A subclass defines what its protocol does at a start (`_reset`), after a change of settings (`tune`), and with what
-    is wrong (`note`); and what its registers show (`live`). let_go: called with the time, s, when it stops driving.
+    A subclass defines a start (`_reset`), a change of settings (`tune`), the reaction to errors (`note`) and the
+    registers that show its state (`live`). top: no-load speed at the nominal voltage, tick/s. started: when it last
+    woke, s. let_go: called with the time, s, when it stops driving.
     """
 
     shown: tuple[int, int]
-    """First address of the registers that show its state, and the one behind the last."""
+    """Range of addresses of the registers that show its state."""
 
     def __init__(self, table: ControlTable, model: ServoModel, build: ServoBuild) -> None:
         super().__init__(table, build.now)
         self.servo_model = model
         self.boot_time = build.boot_time
         self.top = top = model.no_load_speed / model.tick_rad
-        """No-load speed at the nominal voltage, tick/s."""
         self.shaft = Shaft(build.position, top)
         self.shaft.time = build.now
         supply = build.supply or Supply()
         self.electrics = ServoElectrics(supply, model.voltage, turn=model.tick_rad, top=top, warmth=build.warmth)
         self.electrics.time = build.now
         self.started = build.now
-        """When it last woke, s: its realtime tick counts from there."""
         self._starting = False
         self._eventless = -inf  # [s] before then nothing happens but motion
         self._power_is_cut = False
@@ -59,12 +61,16 @@ class ServoBody(Device):
 
     @property
     def barred(self) -> bool:
-        """Whether an error keeps torque off."""
+        """True if an error keeps torque off."""
         raise NotImplementedError
 
     def live(self, now: float) -> dict[str, float]:
-        """What the registers that show its state show at `now` (s)."""
+        """Return the values of the registers that show its state at `now` (s)."""
         raise NotImplementedError
+
+    def realtime_tick(self, now: float) -> int:
+        """Return the realtime tick, ms since the last start, wrapped."""
+        return int(1000.0 * (now - self.started)) % REALTIME_TICKS
 
     def show(self, address: int, length: int, now: float) -> None:
         """Refresh the registers of a range that show its state."""
@@ -72,7 +78,7 @@ class ServoBody(Device):
             self.show_values(self.live(now))
 
     def show_values(self, values: Mapping[str, float]) -> None:
-        """Set registers by name, rounded; those that the model does not have are left out."""
+        """Set registers by name, rounded; names that the model does not have are left out."""
         for name, value in values.items():
             self.memory.put(name, round(value))
 
@@ -84,7 +90,7 @@ class ServoBody(Device):
             self.pass_events(now)
 
     def pass_events(self, now: float) -> None:
-        """Let time pass up to `now` (s), with what happens on the way."""
+        """Let time pass up to `now` (s), with the events until then."""
         if self._starting and now >= self._awake_at:
             self._starting = False
             self.shaft.time = max(self.shaft.time, self._awake_at)
@@ -116,7 +122,7 @@ class ServoBody(Device):
         self._reset()
 
     def supply(self, volts: float | None, now: float) -> None:
-        """Set the supply voltage in V, None: nominal less the sag; below BROWN_OUT of it the electronics reset."""
+        """Set the supply voltage in V, None: nominal less the sag; below BROWN_OUT of nominal it resets."""
         self.catch_up(now)
         self.electrics.set_voltage = volts
         self._power(now)
@@ -124,7 +130,7 @@ class ServoBody(Device):
         self.check()
 
     def heat(self, celsius: float | None, now: float) -> None:
-        """Set the temperature in degrees Celsius, None: it follows the current again."""
+        """Set the temperature in degrees Celsius, None: that of the model."""
         self.catch_up(now)
         self.electrics.set_heat = celsius
         self.check()
@@ -148,7 +154,7 @@ class ServoBody(Device):
         self._power(now)
 
     def _power(self, now: float) -> None:
-        """Switch the electronics as power switch and supply voltage now are."""
+        """Switch the electronics by power switch and supply voltage."""
         powered = not self._power_is_cut and self.electrics.supplied >= BROWN_OUT
         if not powered and self._awake_at < inf:
             self.reboot(now)
@@ -159,10 +165,10 @@ class ServoBody(Device):
             self.reboot(now)
 
     def wake(self, now: float) -> None:
-        """Do what follows the end of a start, at `now` (s)."""
+        """End a start, at `now` (s)."""
 
     def tune(self) -> None:
-        """Take every setting from the registers to where it works."""
+        """Apply every setting in the registers."""
         self._eventless = -inf
         super().tune()
 
@@ -180,11 +186,11 @@ class ServoBody(Device):
         self.note(wrong)
 
     def note(self, wrong: int) -> None:
-        """Take note of what is wrong now, bits."""
+        """React to the present errors, bits."""
         raise NotImplementedError
 
     def switch(self, on: bool) -> bool:
-        """Switch torque, unless it is barred; return whether that changes it."""
+        """Switch torque, unless it is barred; return whether it changes."""
         on = on and not self.barred
         self.memory.put("torque_enable", int(on))
         shaft = self.shaft

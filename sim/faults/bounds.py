@@ -64,4 +64,4 @@ class Bounds(Schema):
     reactions: dict[str, ReactionEntry]
 
 
-BOUNDS, _ = read_model(Bounds, Path(__file__).with_name("bounds.yaml"))
+BOUNDS = read_model(Bounds, Path(__file__).with_name("bounds.yaml"))

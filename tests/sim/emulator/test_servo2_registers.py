@@ -130,7 +130,7 @@ def test_goals_are_pulled_to_the_nearest_bound_and_no_further(
     mode: int, low: int, high: int, limits: tuple[int, ...], goals: tuple[int, ...]
 ) -> None:
     one = memory(operating_mode=mode, min_position_limit=low, max_position_limit=high)
-    for (_, limit), value in zip(GOAL_LIMITS, limits, strict=True):
+    for limit, value in zip(GOAL_LIMITS.values(), limits, strict=True):
         one.put(limit, value)
     names = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
     assert set(names) == GOALS
@@ -250,7 +250,7 @@ POSITION_LIMITS = {"operating_mode": POSITION, "min_position_limit": 100, "max_p
 @pytest.mark.parametrize(
     ("registers", "condition", "name", "answers"),
     [
-        *(({limit: 50}, LIMP, name, {50: NONE, -50: NONE, 51: LIMIT, -51: LIMIT}) for name, limit in GOAL_LIMITS),
+        *(({limit: 50}, LIMP, name, {50: NONE, -50: NONE, 51: LIMIT, -51: LIMIT}) for name, limit in GOAL_LIMITS.items()),
         (POSITION_LIMITS, LIMP, "goal_position", {99: LIMIT, 100: NONE, 200: NONE, 201: LIMIT}),
         (
             POSITION_LIMITS | {"operating_mode": EXTENDED},
