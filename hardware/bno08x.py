@@ -1,9 +1,8 @@
-"""A BNO08x in UART-RVC mode: 100 frames per second at 115,200 baud, without a request.
+"""A BNO08x in UART-RVC mode, which sends 100 frames per second at 115,200 baud by itself.
 
-Source: BNO08X datasheet (CEVA/Hillcrest), UART-RVC. A frame has 19 bytes: AA AA, a frame counter, yaw, pitch and roll
-(int16, 0.01 degree, applied in this order), acceleration along x, y, z (int16, mg, with gravity), three reserved bytes,
-and the sum of the 16 bytes before it, modulo 256. Without a gyroscope in this mode, the angular velocity is the change
-of the orientation between frames, in steps of 0.017 rad/s.
+Source: BNO08X datasheet (CEVA/Hillcrest), UART-RVC. A frame has 19 bytes: AA AA, a counter, yaw, pitch and roll (int16,
+0.01 degree, applied in this order), acceleration x, y, z (int16, mg, with gravity), three reserved bytes, and the sum
+of the 16 bytes before, modulo 256. The angular velocity is the change of the orientation, in steps of 0.017 rad/s.
 """
 
 import math
@@ -28,15 +27,15 @@ FRAME_BYTES = len(HEADER) + _BODY.size
 PERIOD = 0.01
 """[s] Between two frames."""
 LONGEST_GAP = 10
-"""Largest number of frames over which a change of orientation gives a velocity."""
+"""Frames over which a change of orientation gives a velocity."""
 MOST_BYTES = 50 * FRAME_BYTES
-"""Bytes decoded per cycle at most, half a second. Older ones are dropped."""
+"""Bytes decoded per cycle, half a second. Older ones are dropped."""
 MOST_YAW, MOST_PITCH = 18000, 9000
 """[0.01 degree] Ranges of yaw and roll, and of pitch."""
 
 
 class RvcFrame(NamedTuple):
-    """A frame. number: frame counter, modulo 256. angles: yaw, pitch, roll, 0.01 degree. acceleration: mg."""
+    """A frame. number: counter, modulo 256. angles: yaw, pitch, roll, 0.01 degree. acceleration: mg."""
 
     number: int
     angles: tuple[int, int, int]
@@ -77,7 +76,7 @@ class RvcDecoder:
 
 
 def frame_of(data: bytes) -> RvcFrame | None:
-    """Return the frame in 19 bytes; None if it is damaged, or has angles that the sensor never sends."""
+    """Return the frame in 19 bytes; None if damaged, or with impossible angles."""
     if not data.startswith(HEADER) or sum(data[len(HEADER) : -1]) % 256 != data[-1]:
         return None
     number, yaw, pitch, roll, x, y, z, _ = _BODY.unpack_from(data, len(HEADER))
@@ -93,7 +92,7 @@ def encoded(frame: RvcFrame) -> bytes:
 
 
 class SerialImu:
-    """The sensor at an open port, as a `hardware.imu.ImuDevice`."""
+    """The sensor at an open port, an `ImuDevice`."""
 
     def __init__(self, spec: ImuSpec, port: BytePort) -> None:
         self.port, self.decoder = port, RvcDecoder()

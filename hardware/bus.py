@@ -1,4 +1,4 @@
-"""The interface to all servos, `ServoBus`, and the description of a bus: port, speed, ids and power switch."""
+"""The interface to all servos, `ServoBus`, and the description of a bus."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from hardware.imu import ImuSample
 
 
 class ServoAlert(IntFlag):
-    """Hardware Error Status (register 70, X and MX(2.0) series). Each of these bits switches the servo's torque off."""
+    """Hardware Error Status (register 70, X and MX(2.0) series). Each bit switches the servo's torque off."""
 
     INPUT_VOLTAGE = 0x01
     OVERHEATING = 0x04
@@ -22,7 +22,7 @@ class ServoAlert(IntFlag):
 
 
 def alert_names(bits: int, meanings: Mapping[ServoAlert, str] | None = None) -> list[str]:
-    """Return the names of the alert bits, with their meanings if given. Undefined bits are given as a number."""
+    """Return the names of the alert bits, with their meanings if given, and undefined bits as a number."""
     names = [
         f"{alert.name}" + (f" ({meanings[alert]})" if meanings is not None else "")
         for alert in ServoAlert
@@ -38,24 +38,21 @@ UNREAD_AFTER_S = 3.0
 
 @dataclass(frozen=True)
 class ServoStates:
-    """States of all servos, arrays (n,) in servo order.
-
-    A silent servo has `valid` False and keeps its last values. Values are those of the shaft, in the servo's own
-    direction; `hardware.joint_map` converts them to joint values.
-    """
+    """States of all servos, arrays (n,) in servo order, of the shaft in the servo's own direction. A silent servo keeps
+    its last values."""
 
     time: float
-    """Start of the read cycle, s on the bus's clock."""
+    """Start of the cycle, s on the bus's clock."""
     position: TickArray
-    """Present position, ticks."""
+    """Ticks."""
     velocity: FloatArray
-    """Present velocity, rad/s."""
+    """rad/s."""
     current: FloatArray
-    """Present current, A; NaN if the model reports none."""
+    """A; NaN if the model reports none."""
     voltage: FloatArray
-    """Input voltage, V; NaN if not read within UNREAD_AFTER_S."""
+    """V; NaN if not read within UNREAD_AFTER_S."""
     temperature: FloatArray
-    """Internal temperature, degrees Celsius; NaN as for `voltage`."""
+    """Degrees Celsius; NaN as for `voltage`."""
     error: ByteArray
     """Error byte of the last status packet (bit 7: alert)."""
     alert: ByteArray
@@ -65,15 +62,15 @@ class ServoStates:
     valid: BoolArray
     """True if the servo answered in this cycle."""
     driven: BoolArray
-    """True if, by its last report, the servo has torque and its bus watchdog has not tripped."""
+    """True if, by its last report, the servo has torque and its watchdog has not tripped."""
     retries: int = 0
     """Requests repeated since the bus was opened."""
     error_rate: float = 0.0
-    """Share of the cycles of the last 0.05 s with damaged answers and more than one retry."""
+    """Share of the cycles of the last 0.05 s with damaged answers and several retries."""
     soles: BoolArray | None = None
-    """True for each sole that presses on the floor, (k,) in the order of the profile's feet; None if not measured."""
+    """True for each sole with floor contact, (k,) in the order of the profile's feet; None if not measured."""
     imu: ImuSample | None = None
-    """Latest IMU sample; None on a bus without an IMU."""
+    """Latest sample; None without an IMU."""
 
     @cached_property
     def complete(self) -> bool:
@@ -91,24 +88,23 @@ class ServoGoals:
 class ServoBus(Protocol):
     """All servos of one robot, on any number of ports. Every method may raise BusError.
 
-    Only `hardware.guard.Guard` may call `write` and `torque(True)`; any code may call `torque(False)`.
+    Only `hardware.guard.Guard` may call `write` and `torque(True)`.
     """
 
     def open(self) -> None:
-        """Open the ports and check that the expected servos are there. Torque stays as it is."""
+        """Open the ports and check that the expected servos are there. Torque is unchanged."""
 
     def read(self) -> ServoStates:
         """Read one cycle. A missing servo is only marked; a dead bus raises BusError."""
 
     def write(self, goals: ServoGoals) -> None:
-        """Send goal positions to all servos. No servo acknowledges."""
+        """Send goal positions, without acknowledgement."""
 
     def limit_drive(self, share: float) -> None:
-        """Limit servos with torque to a share (0, 1] of their full drive. No servo acknowledges."""
+        """Limit servos with torque to a share (0, 1] of their full drive, without acknowledgement."""
 
     def torque(self, on: bool) -> None:
-        """Switch the torque of all servos, even if one fails. Raises BusError that names the servos that did not
-        confirm."""
+        """Switch the torque of all servos, even if one fails. Raises BusError naming those that did not confirm."""
 
     def close(self) -> None:
         """Switch off torque that this bus switched on, then close the ports. Closing twice is allowed."""
@@ -134,8 +130,7 @@ MAX_RETURN_DELAY = 508e-6  # [s]
 
 @dataclass(frozen=True)
 class PowerSwitch:
-    """The register that switches the servos' power: byte `register` of device `id` := `value`. wait: start-up time,
-    s."""
+    """Switch of the servos' power: byte `register` of device `id` := `value`. wait: start-up time, s."""
 
     id: int
     register: int
@@ -145,11 +140,8 @@ class PowerSwitch:
 
 @dataclass(frozen=True)
 class BusSpec:
-    """One bus of a robot. ids: all expected devices, servos and others.
-
-    watchdog: time without an instruction, s, after which a servo stops by itself; 0: off (the older layout has none).
-    return_delay: pause before an answer, s.
-    """
+    """One bus of a robot. ids: of all devices. watchdog: time without an instruction, s, after which a servo stops; 0:
+    off (the older layout has none). return_delay: pause before an answer, s."""
 
     name: str
     port: str

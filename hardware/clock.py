@@ -22,37 +22,37 @@ class MonotonicClock:
     """The machine's monotonic clock."""
 
     def now(self) -> float:
-        """Return the monotonic time, s."""
+        """See `Clock`."""
         return time.monotonic()
 
     def sleep_until(self, deadline: float) -> None:
-        """Sleep until `deadline`, s, without a busy wait."""
+        """Sleep without a busy wait."""
         remaining = deadline - time.monotonic()
         if remaining > 0.0:
             time.sleep(remaining)
 
     def idle(self) -> float:
-        """Return the idle time, s, including that of a suspended machine."""
+        """See `Clock`; includes the time of a suspended machine."""
         return time.clock_gettime(time.CLOCK_BOOTTIME) - time.process_time()
 
 
 class VirtualClock:
-    """A clock on which sleeping takes no time, for tests and for files that are played at full speed."""
+    """A clock on which sleeping takes no time, for tests and fast playback."""
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start
         self._busy = 0.0  # [s] that the process computed
 
     def now(self) -> float:
-        """Return the virtual time, s."""
+        """See `Clock`."""
         return self._now
 
     def sleep_until(self, deadline: float) -> None:
-        """Move the virtual time to `deadline`, s, never backwards."""
+        """Move the time to `deadline`, never backwards."""
         self._now = max(self._now, deadline)
 
     def idle(self) -> float:
-        """Return the virtual time, s, that did not pass by `advance`."""
+        """Return the time, s, that did not pass by `advance`."""
         return self._now - self._busy
 
     def advance(self, seconds: float) -> None:
@@ -64,10 +64,8 @@ class VirtualClock:
 
 
 class PacedClock(VirtualClock):
-    """A virtual clock that never runs faster than real time, for a simulated run on a screen.
-
-    On a slow machine virtual time passes more slowly, so the results are the same on any machine.
-    """
+    """A virtual clock that never runs faster than real time, for a simulated run on a screen. On a slow machine virtual
+    time passes more slowly, with the same results."""
 
     def __init__(self, start: float = 0.0, *, wall: Clock | None = None) -> None:
         super().__init__(start)
@@ -75,7 +73,7 @@ class PacedClock(VirtualClock):
         self._behind = self._wall.now() - start  # [s] of real time, less that of this clock
 
     def sleep_until(self, deadline: float) -> None:
-        """Move the virtual time to `deadline`, s, and return once real time has reached it. Delays are not made up."""
+        """Move the time to `deadline`, and return once real time has reached it. Delays are not made up."""
         super().sleep_until(deadline)
         self._behind = max(self._behind, self._wall.now() - self._now)
         self._wall.sleep_until(self._now + self._behind)
@@ -99,13 +97,13 @@ def thread_cpu() -> float:
 
 
 LATE = 1.35
-"""A tick is late if it begins more than this many periods after the previous one."""
+"""Periods since the previous tick from which on a tick is late."""
 LOST = 1.1
-"""Total delay of consecutive late ticks, periods, that the current goal of the servos covers."""
+"""Total delay of consecutive late ticks, periods, that the current goal covers."""
 
 
 class TickTiming:
-    """Counts late ticks. period: s; with an infinite one no tick is late."""
+    """Counts late ticks. period: s; inf: no tick is late."""
 
     def __init__(self, period: float = inf) -> None:
         self._period = period
@@ -114,11 +112,11 @@ class TickTiming:
 
     @property
     def behind(self) -> bool:
-        """True if consecutive ticks came so late that more than one goal is missing, so goals are out of date."""
+        """True if consecutive late ticks miss more than one goal."""
         return self._late > LOST
 
     def begin(self, now: float) -> float:
-        """Note a tick that begins at `now`, s. Return the time since the previous one began, s; 0 for the first."""
+        """Note a tick at `now`, s. Return the time since the previous one, s; 0 for the first."""
         pause = 0.0 if self._begun is None else now - self._begun
         self._begun = now
         periods = pause / self._period

@@ -1,23 +1,22 @@
 """The root of the error tree, and the errors of the servo side.
 
-The command line prints every `RetargetError` as one message on stderr and exits with 2 (`TorqueError`: 1). A stop of
-the guard during a run is a state, not an error.
+The command line prints every `RetargetError` as one message and exits with 2 (`TorqueError`: 1).
 """
 
 import re
 
 
 class RetargetError(Exception):
-    """Root of all errors that a user can cause or meet. The text suffices without a traceback."""
+    """Root of all errors that a user can cause. The text suffices without a traceback."""
 
 
 class HardwareError(RetargetError):
-    """An error of the servo side: models, maps, buses, the guard."""
+    """An error of models, maps, buses or the guard."""
 
     def __init__(
         self, what: str, *, where: str = "", found: object = None, allowed: object = None, then: str = ""
     ) -> None:
-        """what: the fault, with the other parts of `describe`; or, without them, a whole message."""
+        """what: the fault, with the other parts of `describe`; alone, a whole message."""
         whole = not where and found is None and allowed is None and not then
         super().__init__(what if whole else describe(what=what, where=where, found=found, allowed=allowed, then=then))
 
@@ -31,17 +30,17 @@ class GuardError(HardwareError):
 
 
 class TorqueError(HardwareError):
-    """A run failed, and torque could not be switched off. The operator must cut the power."""
+    """Torque could not be switched off after a failure. The operator must cut the power."""
 
 
 _ODD = re.compile("[^ -~\\n\\t]")
 SPACES = "\u00a0\u2002\u2003\u2007\u2009\u202f\u3000"
-"""Typographic spaces, which Python counts as not printable and which do no harm."""
+"""Typographic spaces, which Python counts as not printable."""
 
 
 def printable(text: str, *, one_line: bool = False) -> str:
-    """Escape control characters, changes of writing direction and lone surrogates as Python does (`\\x1b`). one_line:
-    also escape line ends and tabs."""
+    """Escape control characters, changes of writing direction and lone surrogates as Python does. one_line: also line
+    ends and tabs."""
     plain = _ODD.sub(
         lambda found: found[0] if found[0].isprintable() or found[0] in SPACES else repr(found[0])[1:-1], text
     )
@@ -49,12 +48,12 @@ def printable(text: str, *, one_line: bool = False) -> str:
 
 
 def counted(number: int, what: str) -> str:
-    """A number of things: "1 tick", "2 ticks"."""
+    """Return "1 tick", "2 ticks"."""
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def describe(*, what: str, where: str = "", found: object = None, allowed: object = None, then: str = "") -> str:
-    """Compose a message: where, what, found, allowed, next step. `where` and `found` stay on one line."""
+    """Compose a message: where, what, found, allowed, next step."""
     text = f"{printable(where, one_line=True)}: {what}" if where else what
     if found is not None:
         text += f"; found {printable(str(found), one_line=True)}"

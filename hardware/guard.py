@@ -1,7 +1,6 @@
 """The guard alone switches torque on and writes to the bus. It checks servo states, and latches a stop.
 
-It is passive: it acts when it is called, and calls no other part. The state machine of a run
-(`retarget.run.supervisor`) reads the latched stop and decides.
+It acts only when called. The state machine of a run (`retarget.run.supervisor`) reads the latched stop.
 """
 
 from collections.abc import Iterator
@@ -22,10 +21,8 @@ from hardware.servo_health import ServoHealth
 
 
 class _Seal:
-    """Proof that a goal is made by one gate; only `retarget.safety.gate` imports it (tests/test_house.py).
-
-    last: the newest goal of the gate, by identity. before: the goal before it.
-    """
+    """Proof that a goal is made by one gate; only `retarget.safety.gate` imports it (tests/test_house.py). last: the
+    gate's newest goal, by identity. before: the goal before it."""
 
     last: "CheckedGoal | None" = None
     before: "CheckedGoal | None" = None
@@ -35,10 +32,9 @@ class _Seal:
 class CheckedGoal:
     """The goal of one tick; arrays (n,) in servo order, rad, read-only.
 
-    joints: the goals that are sent. posture: the posture in which these hold the joints under load, without deflection
-    compensation. displacement: of the joints in this tick. stop: the rows of the braking trajectory. passed: the goal
-    is the checked target, not the next posture of the braking trajectory. compensated: state of the deflection
-    compensation. Raises TypeError when anything but a gate makes one.
+    joints: the goals that are sent. posture: the joints under load, without deflection compensation. displacement: in
+    this tick. stop: rows of the braking trajectory. passed: the goal is the checked target, not part of the braking
+    trajectory. compensated: state of the deflection compensation. Raises TypeError unless a gate makes it.
     """
 
     joints: FloatArray
@@ -61,23 +57,23 @@ CUT_POWER = " (torque could not be switched off: cut the power)"
 
 
 SUSPENDED_S = 0.5
-"""Idle time within a tick, s, that shows a suspended process. A tick of the slowest robot sleeps for 0.02 s."""
+"""Idle time within a tick, s, that shows a suspended process. The slowest robot sleeps for 0.02 s."""
 DID_NOT_RUN = "this process did not run for {:.1f} s: it was suspended, or blocked by a port or a disk"
 FALL_DRIVE = 0.3
-"""Share of the drive during a fall. In 12 simulated falls of OP3 the peak load of its joints was an eighth below that
-at full drive, and equal to that without torque."""
+"""Share of the drive during a fall. In 12 simulated falls of OP3 it lowered the peak joint load by an eighth, as no
+torque does."""
 ARMING_READS = 5
-"""Cycles in which a silent bus is read again when the robot is armed."""
+"""Reads of a silent bus before arming fails."""
 
 
 class Torque(Enum):
     """Torque of the servos, as far as the guard knows."""
 
     OFF = "off"
-    """Off, or never switched by this guard. Nothing is written."""
+    """Off, or never switched by this guard."""
     ON = "on"
     UNCONFIRMED = "unconfirmed"
-    """Unknown: torque may be on from an earlier process, or a servo did not confirm that it is off."""
+    """Unknown: on from an earlier process, or not confirmed as off."""
 
 
 def text_of(error: BaseException) -> str:
@@ -89,8 +85,8 @@ def text_of(error: BaseException) -> str:
 class Guard:
     """The servos of one robot: read, write, torque, and the latched stop.
 
-    Only a `CheckedGoal` is written, each once, in order, and only with torque on. The first reason of a stop stays, and
-    one later fault is added. If a servo does not confirm that its torque is off, the reason says so.
+    Only a `CheckedGoal` is written, each once, in order, and only with torque on. A stop keeps its first reason and one
+    later fault.
     """
 
     def __init__(self, *, bus: ServoBus, joint_map: JointMap, limits: GuardLimits | None = None) -> None:
@@ -112,19 +108,19 @@ class Guard:
 
     @property
     def is_silent(self) -> bool:
-        """True if no servo of a bus has answered in the present cycle."""
+        """True if no servo of a bus has answered in this cycle."""
         return self.states is not None and self.health.buses.quietest(self.states)[0] > 0.0
 
     @property
     def may_go_to_rest(self) -> bool:
-        """True if no fault concerns the servos that carry the robot."""
+        """True unless a fault concerns the servos that carry the robot."""
         return self.stop is None or self.stop.is_bearable
 
     def present(self) -> FloatArray:
-        """Return the present posture, rad (n,), of servos that can be armed.
+        """Return the present posture, rad (n,), before arming.
 
-        Raises GuardError when torque is on, or naming all servos that are missing, alarmed or unreadable. Raises
-        BusError when the bus fails.
+        Raises GuardError when torque is on, or naming all missing, alarmed or unreadable servos; BusError when the bus
+        fails.
         """
         if self.torque is not Torque.OFF or self.stop is not None:
             raise self._impossible("arming")
@@ -138,8 +134,7 @@ class Guard:
             return self._map.to_radians(states.position)
 
     def arm(self, goal: CheckedGoal) -> None:
-        """Write the present posture as the goal, then switch torque on. Call `present` first. goal: the gate's, for
-        that posture.
+        """Write the present posture as the goal, then switch torque on. goal: the gate's, for the posture of `present`.
 
         Raises GuardError for another goal, BusError when the bus fails. A failure while torque may be on is latched.
         """
@@ -158,14 +153,14 @@ class Guard:
             self._bus.torque(True)
 
     def read(self) -> ServoStates:
-        """Read the servos, before `check`. Raises BusError when the bus fails."""
+        """Read the servos. Raises BusError."""
         return self._bus.read()
 
     def check(self, states: ServoStates, now: float, idle: float) -> None:
         """Check the states of a tick at `now`, s; idle: see `Clock.idle`, s.
 
-        A fault is latched, and torque goes off if the robot cannot brake. A long pause between two ticks is latched
-        too, since the servos have stopped meanwhile.
+        Faults are latched, and torque goes off if the robot cannot brake. A long pause is latched too, since the servos
+        have stopped meanwhile.
         """
         self._refuse_pause(now, idle)
         self._checked_at, self._idle = now, idle
@@ -179,8 +174,7 @@ class Guard:
             self.latch(fault.cause, fault.reason)
 
     def write(self, goal: CheckedGoal) -> None:
-        """Send a goal to the servos. Raises GuardError unless it is the gate's next goal, BusError when the bus
-        fails."""
+        """Send the gate's next goal. Raises GuardError for any other, BusError when the bus fails."""
         last = self.goal
         if type(goal) is not CheckedGoal or last is None or goal.seal is not last.seal or goal.seal.before is not last:
             raise GuardError("only the next goal of the gate is written", where="guard", found=type(goal).__name__)
@@ -195,8 +189,8 @@ class Guard:
             raise GuardError("only the goal that the gate made last is written", where="guard", found="another goal")
 
     def reduce_drive(self) -> None:
-        """Limit the servos to FALL_DRIVE of their drive, so that a falling robot is compliant when it meets the floor.
-        Following errors are no longer judged. If the bus fails, torque goes off; nothing is raised."""
+        """Limit the drive to FALL_DRIVE, so that a falling robot meets the floor compliantly. Following errors are no
+        longer judged. If the bus fails, torque goes off."""
         try:
             self._bus.limit_drive(FALL_DRIVE)
             self._drive_reduced = True
@@ -204,7 +198,7 @@ class Guard:
             self.switch_off(StopCause.BUS, text_of(error))
 
     def latch(self, cause: StopCause, reason: str) -> None:
-        """Latch a stop. The first reason stays; later bearable causes are added up to the first fault of the robot."""
+        """Latch a stop. The first reason stays; bearable causes are added up to the first fault of the robot."""
         stop = self.stop
         if stop is None:
             self.stop = Stop(cause, reason)
@@ -214,8 +208,8 @@ class Guard:
             self.stop = replace(stop, reason=f"{stop.reason}, then: {reason}", then=cause)
 
     def switch_off(self, cause: StopCause, reason: str) -> None:
-        """Switch torque off at once and latch it (stop category 0). The stop is latched before the command, so that an
-        interrupt leaves the reason and the advice to cut the power."""
+        """Switch torque off at once and latch it (stop category 0). The stop is latched first, so that an interrupt
+        leaves the advice to cut the power."""
         then = None
         if self.stop is not None:
             first, then = self.stop.reason.removesuffix(TORQUE_OFF).removesuffix(CUT_POWER), self.stop.then
@@ -229,8 +223,8 @@ class Guard:
             self._torque_off()
 
     def release(self) -> None:
-        """Switch torque off; a latched stop stays. A failure or an interrupt is latched, torque is switched off once
-        more, and the exception is raised."""
+        """Switch torque off. A failure or an interrupt is latched, torque is switched off again, and the exception is
+        raised."""
         try:
             self._torque_off()
         except BaseException as error:
@@ -239,8 +233,7 @@ class Guard:
             raise
 
     def _refuse_pause(self, now: float, idle: float) -> None:
-        """Latch a tick at `now`, s, that comes too long after the previous one. With simulated servos a suspension is
-        only a warning, since they wait for the host."""
+        """Latch a tick that comes too late. With simulated servos a suspension is only a warning."""
         if self._checked_at is None:
             return
         pause, idle, most = now - self._checked_at, idle - self._idle, self.limits.max_pause
@@ -254,7 +247,6 @@ class Guard:
 
     @contextmanager
     def _arming(self) -> Iterator[None]:
-        """Switch torque off after a failure. A servo that answers may have had torque from before."""
         try:
             yield
         except BaseException as error:
@@ -268,8 +260,7 @@ class Guard:
             raise
 
     def ticks_of(self, goal: CheckedGoal) -> TickArray:
-        """Return the ticks (n,) that are sent for a goal. A lost servo keeps its last goal, so that it does not jump if
-        it is back."""
+        """Return the ticks (n,) of a goal. A lost servo keeps its last goal, so that it does not jump if it is back."""
         ticks = self._map.to_ticks(goal.joints)
         if self.sent is not None and self.health.lost.any():
             ticks = np.where(self.health.lost, self.sent, ticks)

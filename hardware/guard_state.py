@@ -9,11 +9,11 @@ class StopCategory(IntEnum):
     """Stop categories of IEC 60204-1."""
 
     TORQUE_OFF = 0
-    """Torque goes off at once, because the robot cannot brake."""
+    """At once: the robot cannot brake."""
     BRAKE_AND_TORQUE_OFF = 1
     """The robot brakes, goes to rest if it may, and torque goes off."""
     HOLD = 2
-    """The robot brakes and stands with torque while the cause lasts."""
+    """The robot brakes and stands with torque."""
 
 
 class StopCause(Enum):
@@ -24,9 +24,9 @@ class StopCause(Enum):
     BUS_SILENT = "bus silent"
     SERVO_LOST = "servo lost"
     LIMB_LOST = "limb lost"
-    """Only servos that carry nothing, of arms or head, are silent."""
+    """Only servos that carry nothing are silent."""
     NOT_READ = "not read"
-    """Temperature or supply are no longer read. No fault of the servo is known."""
+    """Temperature or supply are no longer read."""
     SERVO_ALERT = "servo alert"
     SERVO_LIMP = "servo limp"
     TEMPERATURE = "temperature"
@@ -37,7 +37,7 @@ class StopCause(Enum):
     SOURCE = "source"
     FILTER = "filter"
     FALLEN = "fallen"
-    """Detected by the IMU, or by the simulation."""
+    """By the IMU, or the simulation."""
 
 
 FAULTLESS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
@@ -48,11 +48,8 @@ BEARABLE = (*FAULTLESS, StopCause.LIMB_LOST, StopCause.NOT_READ, StopCause.FILTE
 
 @dataclass(frozen=True)
 class Stop:
-    """A latched stop: its cause and reason.
-
-    powered: a servo did not confirm that its torque is off, so the operator must cut the power. then: a later cause
-    that ended the braking early.
-    """
+    """A latched stop. powered: a servo did not confirm that its torque is off, so the operator must cut the power.
+    then: a later cause that ended the braking early."""
 
     cause: StopCause
     reason: str
@@ -67,15 +64,14 @@ class Stop:
 
 @dataclass(frozen=True)
 class GuardLimits:
-    """Limits of the guard. A limit that is not given is not watched.
+    """Limits of the guard. By default a limit is not watched.
 
-    max_age: s since a servo's last answer. max_silence: s without an answer from any servo of a bus, during which the
-    robot holds. max_pause: s between ticks. max_temperature: degrees Celsius. voltage: lowest and highest, V.
-    following_error: rad of the joint, at once; sustained_error: rad, for sustained_time, s. max_current: A, for
-    current_time, s. lag: time constant of each servo's position loop, s (n,); errors count from the response of such a
-    loop, or from the goal if empty. warn_...: warning levels in the same units. slow_share: speed override above those
-    of temperature and current. limbs: True for each servo (n,) that carries nothing, so that the robot goes to rest
-    without it; empty: none.
+    max_age: s since a servo's last answer. max_silence: s without an answer from a whole bus, during which the robot
+    holds. max_pause: s between ticks. max_temperature: degrees Celsius. voltage: lowest and highest, V.
+    following_error: rad of the joint, at once; sustained_error: for sustained_time, s. max_current: A, for
+    current_time, s. lag: time constants of the position loops, s (n,), from whose response errors count; empty: from
+    the goal. warn_...: warning levels. slow_share: speed override above those of temperature and current. limbs (n,):
+    True for a servo without which the robot goes to rest; empty: none.
     """
 
     max_age: float = 0.1

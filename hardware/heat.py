@@ -15,17 +15,17 @@ import numpy as np
 from hardware.arrays import BoolArray, FloatArray
 
 THERMAL_S = 300.0
-"""[s] Time constant of a servo's case, as simulated. No maker states it, and none was measured."""
+"""[s] Time constant of a servo's case, as simulated. None was stated or measured."""
 RATE_S = 60.0
-"""[s] Period over which a rate is measured, since the register has steps of one degree."""
+"""[s] Averaging time of a rate, since the register has steps of one degree."""
 EVERY_S = 1.0
-"""[s] Update period. A motor warms by a degree in three seconds."""
+"""[s] Update period."""
 
 
 @dataclass(frozen=True)
 class HeatLeft:
-    """The servo that warns first. column: in servo order. temperature, warns_at: degrees Celsius. per_minute: degrees
-    Celsius per minute. left: s until the warning; inf: never."""
+    """The servo that warns first. column: in servo order. temperature, warns_at: degrees Celsius. per_minute: degrees.
+    left: s until the warning; inf: never."""
 
     column: int
     temperature: float
@@ -35,7 +35,7 @@ class HeatLeft:
 
 
 class HeatForecast:
-    """Forecast from temperatures (n,). soonest: None before RATE_S, and if no temperature is known."""
+    """Forecast from temperatures (n,). soonest: None before RATE_S or without temperatures."""
 
     def __init__(self, warns_at: float, servos: BoolArray | None = None) -> None:
         """warns_at: degrees Celsius. servos (n,): mask of those to watch; None: all."""
@@ -45,8 +45,7 @@ class HeatForecast:
         self.soonest: HeatLeft | None = None
 
     def look(self, time: float, temperature: FloatArray) -> bool:
-        """Update with temperatures (n,), degrees Celsius, NaN if unknown, at a time, s. Return True if an update was
-        due."""
+        """Update with temperatures (n,), degrees Celsius, at a time, s. Return True if an update was due."""
         if time - self._seen < EVERY_S or not np.isfinite(self._warns_at):
             return False
         elapsed, self._seen = time - self._seen, time
@@ -56,20 +55,18 @@ class HeatForecast:
         slow = np.where(np.isnan(self._slow), known, self._slow)
         self._slow = slow + (1.0 - exp(-min(elapsed, 10.0 * RATE_S) / RATE_S)) * (known - slow)
         if time - self._begun >= RATE_S:
-            self.soonest = self._first(known, (known - self._slow) / RATE_S)
+            found: list[HeatLeft] = []
+            rates = ((known - self._slow) / RATE_S).tolist()
+            for column, (now, per_s) in enumerate(zip(known.tolist(), rates, strict=True)):
+                if np.isnan(per_s) or (self._servos is not None and not self._servos[column]):
+                    continue
+                found.append(HeatLeft(column, now, self._warns_at, 60.0 * per_s, time_left(now, per_s, self._warns_at)))
+            self.soonest = min(found, key=lambda one: (one.left, -one.temperature), default=None)
         return True
-
-    def _first(self, temperature: FloatArray, rate: FloatArray) -> HeatLeft | None:
-        found: list[HeatLeft] = []
-        for column, (now, per_s) in enumerate(zip(temperature.tolist(), rate.tolist(), strict=True)):
-            if np.isnan(per_s) or (self._servos is not None and not self._servos[column]):
-                continue
-            found.append(HeatLeft(column, now, self._warns_at, 60.0 * per_s, time_left(now, per_s, self._warns_at)))
-        return min(found, key=lambda one: (one.left, -one.temperature), default=None)
 
 
 def time_left(temperature: float, rate: float, warns_at: float) -> float:
-    """Return the time, s, until a servo that warms at `rate`, K/s, reaches `warns_at`, degrees Celsius."""
+    """Return the time, s, until a servo that warms at `rate`, K/s, reaches `warns_at`."""
     if temperature >= warns_at:
         return 0.0
     end = temperature + THERMAL_S * rate

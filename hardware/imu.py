@@ -1,8 +1,4 @@
-"""Inertial measurement units: mounting, samples, and their plausibility.
-
-A sensor measures along its own axes; a sample is along those of its link. Impossible or frozen readings make a sample
-invalid.
-"""
+"""Inertial measurement units: mounting, samples, and their plausibility."""
 
 import math
 from dataclasses import dataclass
@@ -18,32 +14,32 @@ Quat = tuple[float, float, float, float]
 GRAVITY = 9.80665
 """[m/s^2] One g, in which makers give accelerations."""
 FRESH = 0.05
-"""[s] Age up to which a sample is valid: five frames of a sensor at 100 Hz, six cycles of a robot at 125 Hz."""
+"""[s] Age up to which a sample is valid: five frames at 100 Hz, six cycles at 125 Hz."""
 FROZEN = 0.2
-"""[s] Time without a change in any bit after which the sensor is considered frozen."""
+"""[s] Time without a changed bit after which a sensor is frozen."""
 FASTEST = math.radians(2000.0)
-"""[rad/s] Range of the gyroscopes of both kinds, about one axis."""
+"""[rad/s] Range of the gyroscopes, about one axis."""
 STRONGEST = 16.0 * GRAVITY
-"""[m/s^2] Widest range of such accelerometers, along one axis."""
+"""[m/s^2] Widest range of the accelerometers, along one axis."""
 BNO08X_BAUD = 115200
-"""[bit/s] A BNO08x in UART-RVC mode (datasheet)."""
+"""[bit/s] UART-RVC mode (datasheet)."""
 MAX_JUMP = 0.1
-"""[rad] Largest correction by the sensor's own filter between two orientations, in addition to the fastest turn."""
+"""[rad] Largest correction by a sensor's filter between two orientations, beyond the fastest turn."""
 
 
 class ImuKind(StrEnum):
-    """Kind of a sensor: its connection and its data."""
+    """Kinds of sensors."""
 
     OPENCR = "opencr"
-    """The board of an OP3: registers of a Dynamixel device."""
+    """OP3's board, a Dynamixel device."""
     BNO08X = "bno08x"
-    """BNO080, BNO085 and BNO086 in UART-RVC mode: frames on a serial line of their own."""
+    """BNO080, BNO085 and BNO086 in UART-RVC mode, on a serial line of their own."""
 
 
 @dataclass(frozen=True)
 class ImuSpec:
-    """A sensor of a robot. position: m, and mounting: wxyz, of the sensor in the frame of its link. bus, id: of a
-    device on a bus of the robot. port, baud: of a serial line of its own."""
+    """A sensor of a robot. position: m, and mounting: wxyz, in the frame of its link. bus, id: of a device on a bus.
+    port, baud: of its own serial line."""
 
     kind: ImuKind
     link: str
@@ -59,9 +55,9 @@ class ImuSpec:
 class ImuSample:
     """The newest measurement, along the axes of the sensor's link.
 
-    time: of the measurement, s on the bus's clock; -inf before the first. orientation (4,): wxyz of the link in a world
-    with z up and free yaw; None if the sensor has none. angular_velocity (3,): rad/s. acceleration (3,): specific force
-    at the sensor, m/s^2, one g upwards at rest. valid: fresh and plausible. age: s; inf before the first.
+    time: s on the bus's clock; -inf before the first. orientation (4,): wxyz in a world with z up and free yaw; None if
+    the sensor has none. angular_velocity (3,): rad/s. acceleration (3,): specific force, m/s^2, one g upwards at rest.
+    valid: fresh and plausible. age: s.
     """
 
     time: float
@@ -73,8 +69,7 @@ class ImuSample:
 
     @property
     def tilt(self) -> tuple[float, float]:
-        """Roll (to the right) and pitch (forward) of the link, rad, by its orientation or else its acceleration; NaN
-        before the first measurement."""
+        """Roll (to the right) and pitch (forward) of the link, rad, by its orientation or else its acceleration."""
         if self.orientation is None:
             x, y, z = self.acceleration.tolist()
         else:
@@ -85,8 +80,8 @@ class ImuSample:
 
 @dataclass(frozen=True, slots=True)
 class ImuReading:
-    """A measurement along the sensor's axes. orientation: wxyz, z up; None if the sensor has none. angular_velocity:
-    rad/s. acceleration: specific force, m/s^2."""
+    """A measurement along the sensor's axes. orientation: wxyz, z up. angular_velocity: rad/s. acceleration: specific
+    force, m/s^2."""
 
     orientation: Quat | None
     angular_velocity: Vector
@@ -94,7 +89,7 @@ class ImuReading:
 
     @property
     def is_possible(self) -> bool:
-        """True if all numbers are within the range of such sensors. NaN is not."""
+        """True if all numbers are in range. NaN is not."""
         q = self.orientation
         turned = q is None or abs(sum_of_products(q, q) - 1.0) < MAX_JUMP
         turn, force = self.angular_velocity, self.acceleration
@@ -102,7 +97,7 @@ class ImuReading:
 
 
 class ImuFault(Enum):
-    """Reasons why a sample is not valid."""
+    """Reasons of an invalid sample."""
 
     SILENT = "does not answer"
     FROZEN = "shows the same numbers again and again"
@@ -110,7 +105,7 @@ class ImuFault(Enum):
 
 
 class ImuDevice(Protocol):
-    """A sensor that is read within the cycle of a bus. Its methods raise BusError when its port is gone."""
+    """A sensor that is read within the cycle of a bus. Raises BusError when its port is gone."""
 
     tracker: "ImuTracker"
     """Its newest sample and fault."""
@@ -119,11 +114,11 @@ class ImuDevice(Protocol):
         """Request a measurement if the sensor needs a request; do not wait."""
 
     def collect(self) -> bool:
-        """Take the measurements that have come. Return True if this had to wait, which is bounded."""
+        """Take the measurements that have come. Return True if this had to wait."""
 
 
 class ImuTracker:
-    """The newest sample of a sensor. fault: the reason why the sample returned last is not valid."""
+    """The newest sample of a sensor. fault: of the sample returned last."""
 
     def __init__(self, spec: ImuSpec) -> None:
         self._mounting = spec.mounting
@@ -138,7 +133,7 @@ class ImuTracker:
         self.fault: ImuFault | None = ImuFault.SILENT
 
     def take(self, reading: ImuReading | None, time: float) -> None:
-        """Take a reading of the time `time`, s; None: an undecodable one. Impossible readings are dropped."""
+        """Take a reading of the time `time`, s; None: undecodable. Impossible readings are dropped."""
         self._impossible = reading is None or not reading.is_possible or self._jumps(reading, time)
         if reading is None or self._impossible:
             return
@@ -184,7 +179,7 @@ def product(a: Quat, b: Quat) -> Quat:
 
 
 def rotated(q: Quat, v: Vector) -> Vector:
-    """Return a vector rotated by a unit quaternion, wxyz."""
+    """Return a vector rotated by a quaternion, wxyz."""
     w, x, y, z = q
     _, a, b, c = product(product(q, (0.0, *v)), (w, -x, -y, -z))
     return a, b, c
@@ -196,6 +191,6 @@ def sum_of_products(a: Quat, b: Quat) -> float:
 
 
 def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Quat:
-    """Return the rotation, wxyz, by yaw about z, then pitch about the new y, then roll about the new x, rad."""
+    """Return the rotation, wxyz, by yaw about z, then pitch about y, then roll about x, rad."""
     (a, x), (b, y), (c, z) = ((math.cos(0.5 * one), math.sin(0.5 * one)) for one in (roll, pitch, yaw))
     return product(product((c, 0.0, 0.0, z), (b, 0.0, y, 0.0)), (a, x, 0.0, 0.0))

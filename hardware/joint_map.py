@@ -20,10 +20,10 @@ def _values(servos: Sequence[ServoSpec], name: str) -> FloatArray:
 
 
 class CoupledPair:
-    """Two servos and their two joints. Arrays have the pair as last axis (..., 2), in the order of the coupling.
+    """Two servos and their two joints, as last axis (..., 2) in the order of the coupling.
 
-    columns (2,): of the pair in servo order. tick_rad (2,): largest turn of each joint by one tick of both servos, rad.
-    reach (2,): half of it, the largest error of rounding.
+    columns (2,): in servo order. tick_rad (2,): largest turn of each joint by one tick of both servos, rad. reach (2,):
+    half of it, the rounding error.
     """
 
     def __init__(self, servos: Sequence[ServoSpec], columns: Sequence[int]) -> None:
@@ -47,10 +47,8 @@ class CoupledPair:
         return self._zero + self._scale * _combined(joints, self._back)
 
     def nearest_ticks(self, joints: FloatArray) -> FloatArray:
-        """Return whole shaft ticks for joint angles, rad. A joint inside its limits stays inside.
-
-        If rounding would move it out, the goal is first moved in by `reach`.
-        """
+        """Return whole shaft ticks for joint angles, rad. A joint inside its limits stays inside: if rounding would
+        move it out, the goal is first moved in by `reach`."""
         ticks: FloatArray = np.rint(self.exact_ticks(joints))
         inside = (joints >= self._lower) & (joints <= self._upper)
         back = self.turned((ticks - self._zero) / self._scale)
@@ -69,7 +67,7 @@ class CoupledPair:
         return ends.min(axis=0), ends.max(axis=0)
 
     def fastest_shafts(self, max_velocity: FloatArray) -> FloatArray:
-        """Return the highest shaft speeds (2,) when both joints move at `max_velocity` (2,), rad/s."""
+        """Return the highest shaft speeds (2,) for joint speeds `max_velocity` (2,), rad/s."""
         return _combined(max_velocity, np.abs(self._back))
 
 
@@ -79,7 +77,7 @@ def _combined(pairs: FloatArray, matrix: FloatArray) -> FloatArray:
 
 
 def coupling_problems(servos: Sequence[ServoSpec]) -> list[str]:
-    """Return the findings about the couplings of `servos`, one text each."""
+    """Return the findings about the couplings of `servos`."""
     by_joint = {servo.joint: servo for servo in servos}
     found: list[str] = []
     for coupling in dict.fromkeys(servo.coupling for servo in servos if servo.coupling is not None):
@@ -127,11 +125,11 @@ NO_SERVO = -1
 
 
 class JointMap:
-    """Maps arrays whose last axis is the servo order; leading axes (ticks of time, say) pass through.
+    """Maps arrays whose last axis is the servo order.
 
     A column of a coupled pair is one joint in rad, and one of the two servos in ticks. tick_rad (n,): turn of the joint
-    per tick, rad; of a coupled joint per tick of both servos. Raises HardwareError with all findings when a servo
-    cannot serve its joint, or a joint or (bus, id) is named twice.
+    per tick, rad. Raises HardwareError with all findings when a servo cannot serve its joint, or a joint or (bus, id)
+    is named twice.
     """
 
     def __init__(self, servos: Sequence[ServoSpec]) -> None:
@@ -166,8 +164,8 @@ class JointMap:
     def to_ticks(self, positions: FloatArray) -> TickArray:
         """Return goal ticks (..., n) for joint `positions` (..., n), rad.
 
-        Rounds to the nearest tick inside the limits for an angle inside them. Raises HardwareError for a value that is
-        not finite or beyond the servo's travel, a defect of the caller that is never clipped.
+        An angle inside the limits gets a tick inside. Raises HardwareError for a value that is not finite or beyond the
+        travel; it is never clipped.
         """
         exact = self._zero + self._scale * positions
         if not self._pairs:  # nearly always: inside or not, a tick that is inside is the one
@@ -192,7 +190,7 @@ class JointMap:
         return rounded.astype(np.int64)
 
     def check_goals(self, ticks: TickArray, *, where: str) -> None:
-        """Raise BusError unless goals (n,) are ticks that the servos accept."""
+        """Raise BusError for goals (n,) that the servos do not accept."""
         if ticks.shape != self._lowest.shape or ((ticks < self._lowest) | (ticks > self._highest)).any():
             allowed = f"{self._lowest} to {self._highest}"
             raise BusError("goal ticks out of range", where=where, found=ticks, allowed=allowed)
@@ -203,18 +201,18 @@ class JointMap:
         return self._joints(shafts) if self._pairs else shafts
 
     def turned(self, ticks: TickArray | FloatArray) -> FloatArray:
-        """Return the turn of the joints (..., n), rad, when the shafts turn by `ticks` (..., n)."""
+        """Return the turn of the joints (..., n), rad, by `ticks` (..., n) of the shafts."""
         shafts: FloatArray = ticks / self._scale
         return self._joints(shafts) if self._pairs else shafts
 
     def joint_velocity(self, shaft_velocity: FloatArray) -> FloatArray:
-        """Return joint velocities (..., n) for shaft velocities (..., n), rad/s, in the servo's direction."""
+        """Return joint velocities (..., n) for shaft velocities (..., n), rad/s."""
         shafts = shaft_velocity / self._shaft
         return self._joints(shafts) if self._pairs else shafts
 
     def tick_limits(self, *, slack: float = 0.0) -> tuple[TickArray, TickArray]:
-        """Return the first and last whole tick (n,) within the joint limits and `slack` rad, never beyond the travel.
-        For a coupled servo they span all angles of its two joints."""
+        """Return the first and last whole tick (n,) within the joint limits and `slack` rad, never beyond the
+        travel."""
         ends = np.stack(
             [self._zero + self._scale * (self.lower - slack), self._zero + self._scale * (self.upper + slack)]
         )
@@ -226,15 +224,14 @@ class JointMap:
         return first, last
 
     def zeros(self, ticks: TickArray, positions: FloatArray) -> TickArray:
-        """Return the zero ticks (n,) with which shaft `ticks` (n,) correspond to joint `positions` (n,), rad."""
+        """Return the zero ticks (n,) for which shaft `ticks` (n,) are joint `positions` (n,), rad."""
         exact = self._zero + self._scale * positions
         for pair in self._pairs:
             exact[pair.columns] = pair.exact_ticks(positions[pair.columns])
         return np.rint(ticks - (exact - self._zero)).astype(np.int64)
 
     def known_joints(self, valid: BoolArray) -> BoolArray:
-        """Return the mask (n,) of joints that are known if the servos `valid` (n,) are. A coupled joint needs both
-        servos."""
+        """Return the mask (n,) of joints known from the servos `valid` (n,). A coupled joint needs both."""
         known = valid.copy()
         for pair in self._pairs:
             known[pair.columns] = valid[pair.columns].all()
@@ -281,9 +278,9 @@ def resolve_turns(
 ) -> TickArray:
     """Return the offset (n,), in whole turns, of every reported tick (n,).
 
-    After power-up a servo of many turns reports a position within one turn. A turn is possible if it puts the joint
-    within its limits and `slack` rad. Raises HardwareError with all joints for which not exactly one turn is possible.
-    groups: those of `turn_groups` to resolve; None: all.
+    After power-up a servo of many turns reports a position within one. The turn must put the joint within its limits
+    and `slack` rad. Raises HardwareError with all joints for which not exactly one turn does. groups: of `turn_groups`;
+    None: all.
     """
     offsets = np.zeros(len(joint_map), dtype=np.int64)
     problems: list[str] = []
@@ -308,8 +305,7 @@ def resolve_turns(
 
 
 def turn_groups(joint_map: JointMap) -> list[list[int]]:
-    """Return the columns of servos of many turns, in groups that depend on each other: single servos, and coupled
-    pairs."""
+    """Return the columns of servos of many turns, coupled pairs together."""
     column = {joint: index for index, joint in enumerate(joint_map.joints)}
     groups: dict[tuple[int, ...], None] = {}
     for index, servo in enumerate(joint_map.servos):
@@ -321,7 +317,6 @@ def turn_groups(joint_map: JointMap) -> list[list[int]]:
 
 
 def _turns(joint_map: JointMap, column: int, tick: int, slack: float) -> list[int]:
-    """Return the shifts of one servo, ticks, that may put its joints within the limits."""
     servo = joint_map.servos[column]
     if not servo.mode.many_turns:
         return [0]

@@ -1,7 +1,6 @@
-"""Motors and gears of servos as data: measured models in `motors.yaml`, others derived from the maker's numbers.
+"""Motors and gears of servos, at the output shaft: rows of `motors.yaml`, else derived from the maker's numbers.
 
-All at the output shaft. The motor model is u = R i + kt w, torque = kt i: at supply V it stalls at kt V / R and turns
-at V / kt at most.
+The motor model is u = R i + kt w, torque = kt i: at supply V it stalls at kt V / R and turns at V / kt at most.
 """
 
 from dataclasses import dataclass
@@ -15,17 +14,16 @@ from hardware.servo import ServoModel
 
 ARC_MINUTE = 2.908882e-4  # [rad]
 BACKLASH = 15.0 * ARC_MINUTE
-"""Play between output shaft and gears, e-Manual of the X540 series; assumed for all models."""
+"""Play between output shaft and gears, e-Manual of the X540 series; assumed for all."""
 
 FRICTION_SHARE, ARMATURE_SHARE = 0.025, 0.003
-"""Shares of the stall torque (the latter in s^2) for unidentified models: the middle of the identified values."""
+"""Shares of the stall torque (the latter in s^2) for other models: the middle of the identified values."""
 
 
 @dataclass(frozen=True)
 class DriveNumbers:
     """torque_constant: kt, N m/A. resistance: ohm. armature: kg m^2. friction: Coulomb, N m. viscous: N m s/rad.
-    backlash: rad. most_torque: highest torque at any speed, N m. temperature_limit: degrees Celsius at which the servo
-    switches itself off. source: of the numbers."""
+    backlash: rad. most_torque: N m. temperature_limit: degrees Celsius, of the servo itself."""
 
     torque_constant: float
     resistance: float
@@ -49,8 +47,8 @@ class DriveNumbers:
 
 @dataclass(frozen=True)
 class _Identified:
-    """A row of `motors.yaml`, in the units of `DriveNumbers`. motor: (kt, R); None: the maker's numbers. line: highest
-    speed with most_torque, rad/s, and a point (rad/s, N m) beyond it; None: the motor's line."""
+    """A row of `motors.yaml`. motor: (kt, R). line: highest speed with most_torque, rad/s, and a point (rad/s, N m)
+    beyond."""
 
     armature: float
     friction: float
@@ -91,8 +89,8 @@ def drive_numbers(model: ServoModel) -> DriveNumbers:
 
 
 def _motor_of_line(model: ServoModel, known: _Identified) -> tuple[float, float]:
-    """Return kt and R of the motor whose torque falls with speed along the identified line, or faster, so that it turns
-    no faster than its maker says. Without a line it stalls at the maker's torque.
+    """Return kt and R of the motor whose torque falls along the identified line, or faster, so that it turns no faster
+    than its maker says. Without a line it stalls at the maker's torque.
 
     Torque at full drive is kt V / R - (kt^2 / R) x speed, less friction and viscous x speed.
     """

@@ -8,7 +8,7 @@ from hardware.clock import Clock
 
 
 class NoBus:
-    """A `hardware.bus.ServoBus` that answers every goal with itself. start: ticks (n,)."""
+    """A `ServoBus` that answers every goal with itself. start: ticks (n,)."""
 
     def __init__(self, clock: Clock, *, start: TickArray) -> None:
         self._clock = clock
@@ -21,11 +21,11 @@ class NoBus:
         self._open = False
 
     def open(self) -> None:
-        """Mark the bus as open."""
+        """See `ServoBus`."""
         self._open = True
 
     def read(self) -> ServoStates:
-        """Return every servo at its goal, at rest and healthy. Currents, voltages and temperatures are unknown."""
+        """Return every servo at its goal. Currents, voltages and temperatures are unknown."""
         check_open(self._open, where="no bus")
         return ServoStates(
             time=self._clock.now(),
@@ -42,16 +42,16 @@ class NoBus:
         )
 
     def write(self, goals: ServoGoals) -> None:
-        """Take the goals as positions."""
+        """See `ServoBus`."""
         check_open(self._open, where="no bus")
         self._position = goals.ticks
 
     def limit_drive(self, share: float) -> None:
-        """Do nothing."""
+        """See `ServoBus`."""
 
     def torque(self, on: bool) -> None:
-        """Do nothing."""
+        """See `ServoBus`."""
 
     def close(self) -> None:
-        """Mark the bus as closed."""
+        """See `ServoBus`."""
         self._open = False

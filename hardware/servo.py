@@ -1,9 +1,8 @@
-"""Servos as data: models by their makers' numbers, servos of a robot, couplings, and position loops.
+"""Servos as data: models, servos of a robot, couplings, and position loops.
 
-A new Dynamixel model is two rows of data from the maker's e-Manual, one in `servo_models.tsv` and one in
-`dynamixel/tables/models.tsv`, whose registers are in `registers.tsv`. `FIRST` in
-`tests/hardware/dynamixel/test_control_table.py` repeats its first values. A row of `motors.yaml` holds a published
-identification of its motor.
+A new Dynamixel model is a row of `servo_models.tsv` and one of `dynamixel/tables/models.tsv`, both from the e-Manual.
+`FIRST` in `tests/hardware/dynamixel/test_control_table.py` repeats its first values. `motors.yaml` holds published
+identifications.
 """
 
 import csv
@@ -17,16 +16,14 @@ import numpy as np
 from hardware.errors import HardwareError
 
 MAX_CONDITION = 1e3
-"""Highest condition number of a coupling's matrix. Beyond it the servos cannot set both joints."""
+"""Highest condition number of a coupling, beyond which the servos cannot set both joints."""
 
 
 @dataclass(frozen=True)
 class ServoCoupling:
-    """A differential: two joints that two servos turn together.
+    """A differential: joint angles = `matrix` @ shaft angles, rad, both in the order of `joints`.
 
-    joint angles = `matrix` @ shaft angles, rad, rows and columns in the order of `joints`. A shaft angle is `direction
-    * (tick - zero_tick) * model.tick_rad`, so both joints are at 0 at both zero ticks. Both servos carry the same
-    coupling.
+    A shaft angle is `direction * (tick - zero_tick) * model.tick_rad`. Both servos carry the same coupling.
     """
 
     joints: tuple[str, str]
@@ -40,21 +37,20 @@ class ServoCoupling:
 
     @property
     def inverse(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Inverse of the matrix: shaft angles = inverse @ joint angles. Raises ZeroDivisionError for a singular
-        matrix."""
+        """Inverse of the matrix. Raises ZeroDivisionError for a singular one."""
         (a, b), (c, d) = self.matrix
         size = self.determinant
         return ((d / size, -b / size), (-c / size, a / size))
 
     @property
     def condition(self) -> float:
-        """Condition number of the matrix, at least 1; inf for a singular matrix."""
+        """Condition number of the matrix; inf for a singular one."""
         if not 0.0 < abs(self.determinant) < math.inf:
             return math.inf
         return float(np.linalg.cond(self.matrix))
 
     def problems(self) -> tuple[str, ...]:
-        """Return the findings about the coupling alone, one text each."""
+        """Return the findings about the coupling alone."""
         found: list[str] = []
         here = f"coupling of {self.joints[0]} and {self.joints[1]}"
         if self.joints[0] == self.joints[1]:
@@ -71,14 +67,14 @@ class ServoCoupling:
 RPM = 2.0 * math.pi / 60.0  # [rad/s]
 
 MULTI_TURN_REACH = 1_048_575
-"""Largest goal in either direction, ticks, in a mode with more than one turn (e-Manual, register 116)."""
+"""Largest goal in either direction, ticks, with many turns (e-Manual, register 116)."""
 
 HOMING_REACH = 1024
-"""Largest homing offset in either direction, ticks, that a servo honours within one turn (e-Manual, register 20)."""
+"""Largest homing offset in either direction, ticks, within one turn (e-Manual, register 20)."""
 
 
 class ServoMode(StrEnum):
-    """Operating modes that follow a goal position (e-Manual, register 11: 3, 4 and 5)."""
+    """Operating modes with a goal position (e-Manual, register 11: 3, 4 and 5)."""
 
     POSITION = "position"
     EXTENDED_POSITION = "extended_position"
@@ -92,55 +88,51 @@ class ServoMode(StrEnum):
 
 @dataclass(frozen=True)
 class ServoStiffness:
-    """Torque per angle with which a shaft is held at its goal, N m/rad.
-
-    nominal: used by physics and for planning goals. lowest, highest: range of the published values.
-    """
+    """Torque per angle that holds a shaft at its goal, N m/rad. nominal: for physics and planning. lowest, highest:
+    published range."""
 
     nominal: float
     lowest: float
     highest: float
 
     def scaled(self, factor: float) -> "ServoStiffness":
-        """Return the stiffness for a P gain that is `factor` times as high."""
+        """Return the stiffness at `factor` times the P gain."""
         return ServoStiffness(factor * self.nominal, factor * self.lowest, factor * self.highest)
 
 
 class Layout(Enum):
-    """The layout of a control table: its registers and the units of its gains. All servos of a bus have one layout."""
+    """Layout of a control table: its registers and units of gains. All servos of a bus have one."""
 
     X = "the layout of the X series"
-    """X series, and MX with protocol 2.0: operating modes, turns, currents, a bus watchdog, 32-bit positions."""
+    """X series, and MX with protocol 2.0: operating modes, turns, currents, a bus watchdog."""
     OLDER = "the older layout (protocol 1.0, XL-320)"
-    """Protocol 1.0 servos and the XL-320: one turn or a wheel, 16-bit positions, a moving speed and a torque limit."""
+    """Protocol 1.0 servos and the XL-320: one turn or a wheel, 16-bit positions, moving speed and torque limit."""
 
 
 FULL_PWM = 885.0  # register value of full drive
 GAIN_UNIT = 128.0  # position P gain register per unit of gain
 DEFAULT_P_GAIN = 800  # XM430 series
 DEFAULT_P_GAINS = {Layout.X: DEFAULT_P_GAIN, Layout.OLDER: 32}
-"""Default P gain. The default loop of the older layout is assumed to be as stiff as that of the X series."""
+"""Default P gain. The default loop of the older layout is assumed to be equally stiff."""
 
 
 def full_drive_error(gain: float) -> float:
-    """Return the error of the shaft, rad, at which a P `gain` (counts of the X series, above 0) gives full drive.
-
-    The gain acts on ticks of a 4096-tick turn, whatever the model's encoder counts.
-    """
+    """Return the shaft's error, rad, at which a P `gain` (counts of the X series) gives full drive. The gain acts on
+    ticks of a 4096-tick turn for all encoders."""
     return FULL_PWM * GAIN_UNIT / gain * (2.0 * math.pi / 4096.0)
 
 
 SOFT = DEFAULT_P_GAIN / 150.0
-"""[N m/rad] at the default P gain: ToddlerBot's identification of six X models, kp = P / 150 for all of them."""
+"""[N m/rad] At the default P gain: ToddlerBot's identification of six X models, kp = P / 150."""
 FIRM = 21.1 / 18.9
 """Ratio of MuJoCo's public OP3 to the e-Manual's numbers of the same servo."""
 
 
 def estimated_stiffness(torque: float) -> ServoStiffness:
-    """Return the stiffness at the default P gain of a model with a stall torque, N m.
+    """Return the stiffness at the default P gain for a stall torque, N m.
 
     By the e-Manual, drive is gain x error, and full drive gives the stall torque. Public identifications differ by a
-    factor of four, and the range spans them all. `retarget servo stiffness` measures it.
+    factor of four, which the range spans. `retarget servo stiffness` measures it.
     """
     nominal = torque / full_drive_error(DEFAULT_P_GAIN)
     return ServoStiffness(nominal, min(nominal, SOFT), max(FIRM * nominal, SOFT))
@@ -150,9 +142,9 @@ def estimated_stiffness(torque: float) -> ServoStiffness:
 class ServoModel:
     """One servo model (e-Manual overview table).
 
-    ticks: counts over `travel` rad. centre_tick: middle of the travel. no_load_speed: rad/s, and stall_torque: N m, at
-    `voltage` V. current_unit: A per count; None if the servo neither reports nor limits a current. stiffness: at the
-    default P gain and `voltage`. protocols: those that its firmware supports. layout: with protocol 2.0.
+    ticks: over `travel` rad. no_load_speed: rad/s, and stall_torque: N m, at `voltage` V. current_unit: A per count;
+    None if the servo neither reports nor limits a current. stiffness: at the default P gain and `voltage`. layout: with
+    protocol 2.0.
     """
 
     name: str
@@ -168,7 +160,7 @@ class ServoModel:
     layout: Layout = Layout.X
 
     def layout_in(self, protocol: int) -> Layout:
-        """Return the layout with a protocol. Protocol 1.0 has the older one for all models."""
+        """Return the layout with a protocol."""
         return Layout.OLDER if protocol == 1 else self.layout
 
     @property
@@ -206,14 +198,11 @@ def _read_models() -> dict[str, ServoModel]:
 
 MODELS = Path(__file__).with_name("servo_models.tsv")
 SERVO_MODELS = _read_models()
-"""Every known model by its maker's name, without the suffix of the connector (-T, -R)."""
+"""Models by their maker's names, without the suffix of the connector (-T, -R)."""
 
 
 def find_model(name: str) -> ServoModel:
-    """Return the model called `name`, with or without the suffix of its connector (-T, -R).
-
-    Raises HardwareError with the known names.
-    """
+    """Return the model called `name`, with or without the suffix of its connector. Raises HardwareError."""
     model = SERVO_MODELS.get(name) or SERVO_MODELS.get(name.removesuffix("-T").removesuffix("-R"))
     if model is None:
         known = ", ".join(SERVO_MODELS)
@@ -225,7 +214,7 @@ def find_model(name: str) -> ServoModel:
 
 @dataclass(frozen=True)
 class ServoGains:
-    """Position gains in register counts (0 to 16383; older layout: 0 to 254). None keeps the servo's own default."""
+    """Position gains, register counts; None: the servo's default."""
 
     position_p: int | None = None
     position_i: int | None = None
@@ -236,13 +225,12 @@ class ServoGains:
 
 @dataclass(frozen=True)
 class ServoSpec:
-    """One servo of a robot and the joint that it drives.
+    """One servo of a robot and its joint.
 
     Joint angle q corresponds to shaft tick `zero_tick + direction * gear * q / model.tick_rad`; `gear` is shaft turns
-    per joint turn. With a `coupling` the gear is 1, and q is the shaft angle of the coupling. lower, upper: rad;
-    max_velocity: rad/s; max_acceleration: rad/s^2, of the joint. current_limit: A; None: unlimited. homing_offset:
-    content of register 20, ticks. The servo adds it to all positions that it reports, so every tick here includes it.
-    protocol: of its bus.
+    per joint turn. With a `coupling` the gear is 1, and q is the coupling's shaft angle. Limits are the joint's: rad,
+    rad/s, rad/s^2. current_limit: A. homing_offset: register 20, ticks, included in all ticks here, as the servo adds
+    it to its positions. protocol: of its bus.
     """
 
     joint: str
@@ -284,10 +272,8 @@ class ServoSpec:
         return MULTI_TURN_REACH if self.mode.many_turns else self.model.ticks - 1 + min(0, self.homing_offset)
 
     def problems(self) -> tuple[str, ...]:
-        """Return the reasons why this servo cannot be driven, one text each.
-
-        For a coupled servo, `hardware.joint_map` checks its limits together with the other servo.
-        """
+        """Return the reasons why this servo cannot be driven. `hardware.joint_map` checks the limits of coupled
+        ones."""
         found: list[str] = []
         numbers = (self.lower, self.upper, self.max_velocity, self.max_acceleration, self.gear)
         if not all(map(math.isfinite, numbers)):
@@ -300,13 +286,7 @@ class ServoSpec:
             found.append(f"{self.joint}: gear, max_velocity and max_acceleration must be above 0")
         if self.lower >= self.upper:
             found.append(f"{self.joint}: limits {self.lower} to {self.upper} rad are not in ascending order")
-        found.extend(self._unfit_mode())
-        if not found and self.coupling is None:
-            found.extend(self._beyond_the_servo())
-        return tuple(found)
-
-    def _unfit_mode(self) -> list[str]:
-        found: list[str] = []
+        # The mode, and its other settings.
         if not self.mode.many_turns and abs(self.homing_offset) > HOMING_REACH:
             found.append(
                 f"{self.joint}: homing_offset {self.homing_offset} ticks; allowed in mode {self.mode}: "
@@ -320,10 +300,9 @@ class ServoSpec:
             found.append(f"{self.joint}: mode {self.mode} needs a current")
         if self.coupling is not None and self.gear != 1.0:
             found.append(f"{self.joint}: a coupled servo has gear 1: the gear is part of the coupling's matrix")
-        return found
-
-    def _beyond_the_servo(self) -> list[str]:
-        found: list[str] = []
+        if found or self.coupling is not None:
+            return tuple(found)
+        # Limits that the servo cannot serve.
         ends = sorted(self.zero_tick + self.ticks_per_rad * q for q in (self.lower, self.upper))
         if ends[0] < self.lowest_tick - 0.5 or ends[1] > self.highest_tick + 0.5:
             found.append(
@@ -336,26 +315,22 @@ class ServoSpec:
                 f"{self.joint}: max_velocity {self.max_velocity:.3f} rad/s is above the no-load speed "
                 f"{fastest:.3f} rad/s of {self.model.name} at {self.model.voltage} V"
             )
-        return found
+        return tuple(found)
 
 
 # The position loop of a servo: a P gain, whose drive is full at the no-load speed.
 
 
 def loop_lag(servo: ServoSpec) -> float:
-    """Return the time constant of the servo's position loop, s.
+    """Return the time constant of the position loop, s: drive = gain x error, full drive = no-load speed.
 
-    Drive is gain x error, and full drive gives the no-load speed. Source: e-Manual, Position PID Gain (84, unit 1/128;
-    MX with protocol 1: 28) and Goal PWM (100, full at 885).
+    Source: e-Manual, Position PID Gain (84, unit 1/128; MX with protocol 1: 28) and Goal PWM (100, full at 885).
     """
     return lag_of_gain(servo.model, p_gain(servo))
 
 
 def loop_stiffness(servo: ServoSpec) -> float:
-    """Return the torque per angle, N m/rad, with which the servo holds its shaft at its goal, at its model's voltage.
-
-    Simulated physics and the deflection compensation both use it.
-    """
+    """Return the torque per angle, N m/rad, that holds the shaft at its goal, at its model's voltage."""
     return servo.model.stiffness.nominal * p_gain(servo) / DEFAULT_P_GAIN
 
 
@@ -371,11 +346,11 @@ def integral_rate(servo: ServoSpec) -> float:
 
 
 def p_gain(servo: ServoSpec) -> float:
-    """Return the servo's P gain, or its default, in register counts of the X series."""
+    """Return the P gain or its default, in counts of the X series."""
     usual = DEFAULT_P_GAINS[servo.model.layout_in(servo.protocol)]
     return DEFAULT_P_GAIN * (servo.gains.position_p or usual) / usual
 
 
 def lag_of_gain(model: ServoModel, gain: float) -> float:
-    """Return the time constant, s, of a model's position loop with a P `gain` (counts of the X series, above 0)."""
+    """Return the time constant, s, with a P `gain` (counts of the X series, above 0)."""
     return full_drive_error(gain) / model.no_load_speed

@@ -1,5 +1,4 @@
-"""Servo health: temperature, supply, current, errors and following error against bounds, first warnings, then stops;
-and bus health: silence and damaged answers."""
+"""Servo health: values against bounds, first warnings, then stops; and bus health: silence and damaged answers."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -21,9 +20,9 @@ Bounds = tuple[float, float]
 
 ANYTHING: Bounds = (-inf, inf)
 EASE = 0.1
-"""Share of its level by which a current or following error must fall below it before a warning ends."""
+"""Share of its level by which a current or following error must fall before a warning ends."""
 COOLER = 2.0
-"""[degrees Celsius] The same for temperatures, which servos report in whole degrees."""
+"""[degrees Celsius] The same for temperatures, reported in whole degrees."""
 STEADIER = 0.2
 """[V] The same for voltages."""
 MOST_OF_ALL = 3
@@ -32,10 +31,9 @@ MOST_OF_ALL = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Watched:
-    """One quantity of every servo. stop: bounds beyond which the robot stops, once exceeded for `patience`, s. warn:
-    bounds of a warning, after the same time, which ends `ease` within them. slows: the warning slows the robot. text:
-    the fault, with bounds {0} and {1}, before the servos' names. value: format of a value; "": only names are given.
-    quantity: name of a value that must remain readable."""
+    """One quantity of every servo. stop: bounds beyond which the robot stops after `patience`, s. warn: bounds of a
+    warning, which ends `ease` within them. slows: the warning slows the robot. text: the fault, with bounds {0} and
+    {1}. value: format of a value. quantity: name of a value that must remain readable."""
 
     cause: StopCause
     stop: Bounds
@@ -127,8 +125,8 @@ class WatchedRow(IntEnum):
 
 
 def name_servos(servos: Sequence[ServoSpec], row: Watched, which: BoolArray, values: FloatArray) -> str:
-    """Name the servos of a mask (n,) with their values (n,), for example: l_el (id 6) OVERLOAD. If it holds all servos,
-    the supply or bus is at fault, and only their number and range of values are given."""
+    """Name the servos of a mask (n,) with their values (n,), for example: l_el (id 6) OVERLOAD. If all are masked, only
+    their number and range of values are given."""
     if which.all() and len(servos) > MOST_OF_ALL:
         found = list(dict.fromkeys(row.in_words(float(value)) for value in np.sort(values)))
         values_text = " and ".join(found) if len(found) < MOST_OF_ALL else f"{found[0]} to {found[-1]}"
@@ -139,7 +137,7 @@ def name_servos(servos: Sequence[ServoSpec], row: Watched, which: BoolArray, val
 
 @dataclass(frozen=True)
 class ServoFault:
-    """A fault of servos or of their bus: the required stop category, the cause, and the reason in words."""
+    """A fault of servos or of their bus, and the required stop category."""
 
     category: StopCategory
     cause: StopCause
@@ -151,7 +149,7 @@ TIME_ROUND_OFF = 1e-9
 
 
 class ServoLevels:
-    """Bounds of values (rows, n), and a patience, s, for each row. Unknown values (NaN) are within every bound."""
+    """Bounds of values (rows, n), and a patience, s, per row. NaN is within every bound."""
 
     def __init__(self, bounds: Sequence[tuple[float, float]], patience: Sequence[float], count: int) -> None:
         self.least = np.array([[least] * count for least, _ in bounds])  # (rows, n)
@@ -160,11 +158,10 @@ class ServoLevels:
         self._nothing = np.full(self.least.shape, np.inf)
         self._since = self._nothing  # [s] when each went beyond, infinite where it is within
         self.count = 0
-        """Values beyond their bounds at the last call, for however short a time."""
+        """Values beyond their bounds at the last call."""
 
     def beyond(self, seen: FloatArray, now: float) -> BoolArray:
-        """Return the mask (rows, n) of values that have been beyond their bounds for their whole patience at `now`,
-        s."""
+        """Return the mask (rows, n) of values beyond their bounds for their whole patience at `now`, s."""
         out: BoolArray = (seen < self.least) | (seen > self.most)
         self.count = int(np.count_nonzero(out))
         if not self.count:
@@ -180,10 +177,8 @@ class ServoLevels:
 
 
 class ExpectedRange:
-    """Range of n shafts between the response of a position loop with its lag and the goal.
-
-    A servo that follows as well as its gain allows has no error, however fast its goal moves.
-    """
+    """Range of n shafts between the response of a position loop with its lag and the goal, so that a normal lag is no
+    error."""
 
     def __init__(self, lag: FloatArray) -> None:
         """lag (n,): s."""
@@ -196,8 +191,7 @@ class ExpectedRange:
         self._at = None
 
     def error(self, time: float, goal: TickArray, position: TickArray) -> FloatArray:
-        """Return the distance (n,), ticks, of `position` from the range of goals held until `time`, s; positive above
-        it."""
+        """Return the distance (n,), ticks, of `position` from the range of goals held until `time`, s."""
         end, here = goal.astype(np.float64), position.astype(np.float64)
         if self._at is None:
             self._at = end
@@ -211,16 +205,15 @@ class ExpectedRange:
 RAMP_S = 0.4
 """[s] Duration of the speed ramp from full to slow, and back."""
 CALM_S = 1.0
-"""[s] Time for which a value must be within its bounds before a warning ends."""
+"""[s] Time within bounds before a warning ends."""
 MOST_NEWS = 100
-"""Largest number of texts kept for the caller; older ones are dropped."""
+"""Bound of the texts kept for the caller."""
 
 
 class ServoWarnings:
     """Warnings about one robot's servos, each reported once. share: the speed override during one that slows the robot.
 
-    speed_override: present value, from 1 down to `share`, which changes smoothly. active (rows, n): mask of active
-    warnings.
+    speed_override: present value, 1 to `share`. active (rows, n): mask of active warnings.
     """
 
     def __init__(self, servos: Sequence[ServoSpec], rows: Sequence[Watched], share: float) -> None:
@@ -239,7 +232,7 @@ class ServoWarnings:
 
     @property
     def busy(self) -> bool:
-        """True if a warning is active or pending, or the robot is below full speed."""
+        """True if a warning is active or pending, or the robot is slowed."""
         return self.speed_override < 1.0 or self.levels.count > 0 or self._count > 0
 
     def look(self, seen: FloatArray, now: float) -> None:
@@ -296,8 +289,8 @@ HIGHEST_ERROR_RATE = 0.6
 class BusHealth:
     """Judges the buses of one robot. On a bus with one servo, the servo's own age counts instead.
 
-    max_silence: s without an answer from any servo of a bus, during which the robot may hold. limbs (n,): servos that
-    the robot goes to rest without; a bus of these alone is never a lost bus.
+    max_silence: s without an answer from a whole bus, during which the robot may hold. limbs (n,): servos that the
+    robot goes to rest without; a bus of these alone is never a lost bus.
     """
 
     def __init__(self, joint_map: JointMap, max_silence: float, limbs: BoolArray | None = None) -> None:
@@ -314,16 +307,12 @@ class BusHealth:
 
     @property
     def answered(self) -> float:
-        """Share of cycles with answers from all buses, since the first of the silent cycles that are counted together;
-        1 if none was silent."""
+        """Share of cycles with answers from all buses, since the first silent cycle that is counted."""
         return 1.0 - self._silent / max(self._cycles, 1)
 
     def silence(self, states: ServoStates) -> ServoFault | None:
-        """Return a fault while a bus is silent: hold, then torque off after max_silence.
-
-        Ages count from the start of a cycle, which the host may delay, so torque goes off in the second silent cycle at
-        the earliest.
-        """
+        """Return a fault while a bus is silent: hold, then torque off after max_silence, in the second silent cycle at
+        the earliest, since the host may be late."""
         age, name = self.quietest(states)
         first, self._silent_since = self._silent_since, inf if age == 0.0 else min(self._silent_since, states.time)
         if age > 0.0 and states.time - self._silent_at > SILENCE_GAP_S:
@@ -347,8 +336,8 @@ class BusHealth:
         return ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.BUS, reason)
 
     def quietest(self, states: ServoStates, buses: Collection[str] | None = None) -> tuple[float, str]:
-        """Return the longest time, s, since the last answer from a whole bus, and its name; 0 if all answer, inf before
-        the first answer. buses: names of those that count; None: all."""
+        """Return the longest time, s, since the last answer from a whole bus, and its name; 0 if all answer. buses:
+        those that count; None: all."""
         if states.complete:
             return 0.0, ""
         ages = (
@@ -360,16 +349,14 @@ class BusHealth:
 
 
 HEAT_SHOWN_S, HEAT_WARNED_S = 3600.0, 300.0
-"""[s] Times until a warm servo from which it is shown, and warned of once."""
+"""[s] Times before a heat warning at which it is shown, and reported once."""
 CHECK_BUS = "Check power, wiring and the bus of the profile, or whether the host is too busy"
 
 
 class ServoHealth:
-    """Judges the states of one robot's servos. A temperature or voltage that is no longer known (NaN) is a fault; one
-    that never was known is none, since some buses do not report it.
+    """Judges the states of one robot's servos. A temperature or voltage that is no longer known (NaN) is a fault.
 
-    lost (n,): silent servos of limbs, with the partner of a coupled pair. They are no longer judged, even if they
-    answer.
+    lost (n,): silent servos of limbs, with the partner of a coupled pair, which are no longer judged.
     """
 
     def __init__(self, joint_map: JointMap, limits: GuardLimits) -> None:
@@ -393,7 +380,7 @@ class ServoHealth:
 
     def check(self, states: ServoStates, sent: TickArray | None, held: FloatArray | None = None) -> ServoFault | None:
         """Return the gravest fault for which the robot must stop or hold, or None. sent (n,): goal ticks of the last
-        tick. held (n,): rad, joint positions expected under load; None: at the goals."""
+        tick. held (n,): joint positions expected under load, rad; None: the goals."""
         if self._heat.look(states.time, states.temperature):
             first = self._heat.soonest
             if first is not None and 0.0 < first.left < HEAT_WARNED_S and not self._heat_warned:
@@ -423,7 +410,7 @@ class ServoHealth:
 
     @property
     def heat_words(self) -> str:
-        """The carrying servo that will be warm first, in words; "" if none will be within an hour."""
+        """The carrying servo that will be warm first; "" if none will be within an hour."""
         first = self._heat.soonest
         if first is None or not first.left < HEAT_SHOWN_S:
             return ""
@@ -473,8 +460,6 @@ class ServoHealth:
             seen[WatchedRow.FAR] = seen[WatchedRow.STILL_FAR] = np.where(known, far, seen[WatchedRow.FAR])
 
     def _wrong(self, now: float) -> BoolArray:
-        """Return the mask (rows, n) of values beyond their bounds, or no longer reported (NaN), except of lost
-        servos."""
         beyond = self._levels.beyond(self._seen, now)
         unknown = np.isnan(self._seen)
         if not unknown.any():
@@ -485,7 +470,6 @@ class ServoHealth:
         return np.asarray(wrong & ~self.lost)
 
     def _faults(self, wrong: BoolArray) -> Iterator[ServoFault]:
-        """Yield all faults of the mask (rows, n) in order of the rows, then values that are no longer read."""
         unread = np.isnan(self._seen) & wrong
         for row, which, values in zip(self._rows, wrong & ~unread, self._seen, strict=True):
             if which.any():

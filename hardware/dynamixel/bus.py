@@ -155,7 +155,18 @@ class DynamixelBus:
         if self._state is not BusState.CLOSED:
             raise BusError("the bus is open already", where="bus, open", then="Call close first")
         try:
-            found = self._examine()
+            found = []
+            for line in self.lines:  # all of them, also after a problem of one
+                try:
+                    line.port.open(line.spec.baud)
+                    found.append(examine(line, self._map))
+                except HardwareError as error:
+                    found.append(Opening(problems=[f"bus {line.spec.name}: {error}"]))
+            if self.imu is not None:
+                try:
+                    self.imu.open()
+                except HardwareError as error:
+                    found.append(Opening(problems=[f"IMU: {error}"]))
             problems = [problem for opening in found for problem in opening.problems]
             if problems:
                 several = [f"the bus cannot be used, for {len(problems)} reasons:"] if len(problems) > 1 else []
@@ -230,22 +241,6 @@ class DynamixelBus:
         finally:
             self._state = BusState.CLOSED
             self._close_ports()
-
-    def _examine(self) -> list[Opening]:
-        """Open and examine every port, also after a problem of another."""
-        found = []
-        for line in self.lines:
-            try:
-                line.port.open(line.spec.baud)
-                found.append(examine(line, self._map))
-            except HardwareError as error:
-                found.append(Opening(problems=[f"bus {line.spec.name}: {error}"]))
-        if self.imu is not None:
-            try:
-                self.imu.open()
-            except HardwareError as error:
-                found.append(Opening(problems=[f"IMU: {error}"]))
-        return found
 
     def _begin(self) -> None:
         """Read all servos once, and find forgotten turns."""

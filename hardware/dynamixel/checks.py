@@ -26,16 +26,6 @@ def needed_ticks(joint_map: JointMap) -> dict[str, Span]:
     return dict(zip(joint_map.joints, spans, strict=True))
 
 
-def _other_mode(servo: ServoSpec, image: ServoImage, low: int, high: int) -> str:
-    """Return the mode without position control that the angle limits select, or ""."""
-    if image.has("cw_angle_limit") and not image.has("control_mode"):
-        if low == high == 0:
-            return "is in wheel mode (both angle limits 0)"
-        if image.has("multi_turn_offset") and low == high == servo.model.ticks - 1:
-            return "is in multi-turn mode (both angle limits at their end)"
-    return ""
-
-
 FORBIDDEN = (
     ("drive_mode", 0x01, "reverse: it turns the other way than the profile's direction says"),
     ("drive_mode", 0x02, "follower: it obeys another servo"),
@@ -81,7 +71,11 @@ def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) 
         found.append(
             f"has latched {alert_text(bits)}: fix the cause, then `retarget servo reboot` (or switch its power)"
         )
-    found += _firmware(bus, image)
+    if bus.watchdog and not table.has("bus_watchdog") and find_table(table.model, table.protocol).has("bus_watchdog"):
+        found.append(
+            f"has firmware {image.value('firmware_version')}, which has no bus watchdog: it would hold its last goal "
+            "when the host goes silent. Update it, or write watchdog_s: 0 for the bus"
+        )
     if image.has("lock") and image.value("lock"):
         found.append("has its EEPROM locked (register lock): switch its power off and on, nothing else opens it")
     due = differing(eeprom_settings(servo, bus, table), image)
@@ -113,7 +107,13 @@ def _corrections(servo: ServoSpec, image: ServoImage, needed: Span) -> list[tupl
         names = ("cw_angle_limit", "ccw_angle_limit")
     if names:
         low, high = (image.value(name) for name in names)
-        mode = _other_mode(servo, image, low, high)
+        # In the older layout, equal angle limits select a mode without position control.
+        mode = ""
+        if image.has("cw_angle_limit") and not image.has("control_mode") and low == high:
+            if low == 0:
+                mode = "is in wheel mode (both angle limits 0)"
+            elif image.has("multi_turn_offset") and low == servo.model.ticks - 1:
+                mode = "is in multi-turn mode (both angle limits at their end)"
         # The servo's own limits become those ticks, where they are not wide enough.
         moved = {names[0]: needed.low} if mode or low > needed.low else {}
         moved |= {names[1]: needed.high} if mode or high < needed.high else {}
@@ -154,16 +154,3 @@ def notes(servo: ServoSpec, image: ServoImage) -> list[str]:
         if highest is not None and image.value(name) < LOW_SHARE * highest:
             found.append(f"has {name} {image.value(name)}, the maximum is {highest}: it is weak, or slow")
     return found
-
-
-def _firmware(bus: BusSpec, image: ServoImage) -> list[str]:
-    """Return a complaint if the firmware is too old for the required watchdog."""
-    table = image.table
-    if not bus.watchdog or table.has("bus_watchdog"):
-        return []
-    if not find_table(table.model, table.protocol).has("bus_watchdog"):
-        return []  # no firmware of this model has one: a note says so
-    return [
-        f"has firmware {image.value('firmware_version')}, which has no bus watchdog: it would hold its last goal when "
-        "the host goes silent. Update it, or write watchdog_s: 0 for the bus"
-    ]

@@ -105,18 +105,6 @@ class Codec(ABC):
     def frame(self, device: int, code: int, params: bytes = b"") -> bytes:
         """Return a whole frame. code: the instruction."""
 
-    @abstractmethod
-    def status(self, device: int, error: int = 0, data: bytes = b"") -> bytes:
-        """Return the status frame of one device."""
-
-    @abstractmethod
-    def status_of(self, received: WireFrame) -> Status | None:
-        """Return the status of one device in a frame; None if the frame shows that it holds none."""
-
-    @abstractmethod
-    def parser(self) -> "Parser":
-        """Return a parser of a stream of bytes."""
-
     def ping(self, device: int) -> bytes:
         """Ping. In protocol 2.0 all devices answer a broadcast, in order of their ids."""
         return self.frame(device, Instruction.PING)
@@ -249,7 +237,7 @@ class Protocol2(Codec):
 
 
 protocol1, protocol2 = Protocol1(), Protocol2()
-CODECS: dict[int, Codec] = {1: protocol1, 2: protocol2}
+CODECS: dict[int, Protocol1 | Protocol2] = {1: protocol1, 2: protocol2}
 """Codecs by protocol."""
 
 

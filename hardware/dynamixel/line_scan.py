@@ -206,12 +206,13 @@ MOST_ELSEWHERE = 3
 """Bound of the ids that are tried, since each takes a timeout at every speed."""
 
 
-def answering_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dict[int, list[int]]:
-    """Return the other speeds, bits/s, at which the first of `ids` answer, by id. The port is left at the bus's own
-    speed.
+def elsewhere_texts(port: BytePort, bus: BusSpec, ids: Sequence[int], named: Mapping[int, str]) -> list[str]:
+    """Return texts on the first of `ids` that answer at another speed, with the command that fixes it. named: by id.
 
-    Impossible speeds are skipped. Raises BusError when the port is gone.
+    Speeds that the adapter does not have are skipped. The port is left at the bus's own speed.
     """
+    if not ids:
+        return []
     found: dict[int, list[int]] = {}
     for baud in BAUDS[bus.protocol]:
         if baud == bus.baud or speed_refused(port, baud):
@@ -222,16 +223,8 @@ def answering_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dic
             if answer is not None and not answer.clash:
                 found.setdefault(device, []).append(baud)
     port.set_baud(bus.baud)
-    return found
-
-
-def elsewhere_texts(port: BytePort, bus: BusSpec, ids: Sequence[int], named: Mapping[int, str]) -> list[str]:
-    """Return texts on the first of `ids` that answer at another speed, with the command that fixes it. named: by id.
-
-    Raises BusError when the port is gone.
-    """
     texts = []
-    for device, bauds in answering_elsewhere(port, bus, ids).items() if ids else ():
+    for device, bauds in found.items():
         speeds, fix = " and ".join(map(str, bauds)), setup_command(bus, device, baud=bus.baud)
         name = named.get(device, f"device {device}")
         texts.append(

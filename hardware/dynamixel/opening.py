@@ -85,7 +85,14 @@ def examine(line: BusLine, joint_map: JointMap) -> Opening:
     bus = line.spec
     where = f"bus {bus.name} ({line.port.name}, {bus.baud} baud, protocol {bus.protocol}.0)"
     opening = Opening()
-    _power_on(line, opening)
+    switch = bus.power
+    if switch is not None:
+        try:
+            if not is_powered(line.client, switch):
+                switch_power_on(line.port, line.client, switch)
+                opening.notes.append(f"bus {bus.name}: power switched on by device {switch.id}")
+        except (NoAnswer, ServoError) as error:
+            opening.problems.append(f"bus {bus.name}: device {switch.id} did not switch the servos' power on: {error}")
     seen = look_at_bus(line)
     opening.notes += [f"bus {bus.name}: {text}" for text in seen.notes]
     if len(seen.silent) == len(bus.ids):
@@ -105,31 +112,6 @@ def examine(line: BusLine, joint_map: JointMap) -> Opening:
             found = complaints(servo, bus, image, needed[servo.joint])
             opening.problems += [f"servo {servo.label} {text}" for text in found]
             opening.notes += [f"servo {servo.label} {text}" for text in notes(servo, image)]
-    _look_at_adapter(line, opening)
-    unwatched = [str(device) for device, image in line.images.items() if not image.table.has("bus_watchdog")]
-    if unwatched:
-        opening.notes.append(
-            f"bus {bus.name}: ids {', '.join(unwatched)} have no bus watchdog: they hold their last goal when the host "
-            "goes silent"
-        )
-    return opening
-
-
-def _power_on(line: BusLine, opening: Opening) -> None:
-    """Switch the servos' power on if a device does that (OP3: its OpenCR)."""
-    bus, switch = line.spec, line.spec.power
-    if switch is None:
-        return
-    try:
-        if is_powered(line.client, switch):
-            return
-        switch_power_on(line.port, line.client, switch)
-        opening.notes.append(f"bus {bus.name}: power switched on by device {switch.id}")
-    except (NoAnswer, ServoError) as error:
-        opening.problems.append(f"bus {bus.name}: device {switch.id} did not switch the servos' power on: {error}")
-
-
-def _look_at_adapter(line: BusLine, opening: Opening) -> None:
     port = line.port
     if port.latency >= SLOW_LATENCY:
         command = getattr(port, "latency_command", None)
@@ -141,3 +123,10 @@ def _look_at_adapter(line: BusLine, opening: Opening) -> None:
         problem = too_slow(port, image.table, device, RETURN_DELAY_STEP * image.value("return_delay_time"))
         if problem:
             opening.problems.append(problem)
+    unwatched = [str(device) for device, image in line.images.items() if not image.table.has("bus_watchdog")]
+    if unwatched:
+        opening.notes.append(
+            f"bus {bus.name}: ids {', '.join(unwatched)} have no bus watchdog: they hold their last goal when the host "
+            "goes silent"
+        )
+    return opening

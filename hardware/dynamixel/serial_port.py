@@ -100,16 +100,6 @@ def no_such_port(path: str) -> BusError:
     )
 
 
-def unplugged(path: str, cause: object) -> BusError:
-    """Return the error for a port that was lost while open."""
-    return BusError("the port went away", where=path, found=cause, then="Check the cable and the adapter's power")
-
-
-def not_open(path: str) -> BusError:
-    """Return the error for a port that is used while closed."""
-    return BusError("the port is not open", where=path)
-
-
 def wrong_baud(path: str, baud: int, allowed: object) -> BusError:
     """Return the error for an impossible speed."""
     return BusError("no such baud rate", where=path, found=baud, allowed=allowed)
@@ -253,9 +243,9 @@ class SerialPort:
 
     def set_baud(self, baud: int) -> None:
         """Change the speed, and drop the input. Raises BusError; a refused speed leaves the old one."""
+        self._open_fd()
         line = self._serial
-        if line is None:
-            raise not_open(self.name)
+        assert line is not None
         self._check_baud(baud)
         try:
             self._change_baud(line, baud)
@@ -332,7 +322,7 @@ class SerialPort:
 
     def _open_fd(self) -> int:
         if self._fd < 0:
-            raise not_open(self.name)
+            raise BusError("the port is not open", where=self.name)
         return self._fd
 
     def _check_baud(self, baud: int) -> None:
@@ -368,7 +358,9 @@ class SerialPort:
                 raise self._gone(cause) from cause
 
     def _gone(self, cause: object) -> BusError:
-        return unplugged(self.name, _with_number(cause) if isinstance(cause, Exception) else cause)
+        found = _with_number(cause) if isinstance(cause, Exception) else cause
+        then = "Check the cable and the adapter's power"
+        return BusError("the port went away", where=self.name, found=found, then=then)
 
 
 def _with_number(cause: Exception) -> Exception:
