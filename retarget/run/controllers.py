@@ -1,6 +1,6 @@
-"""Controllers: the source of the target in each state of a run, and the posture commanded last.
+"""Controllers, which give the target of a tick in each state of a run, and the commanded posture.
 
-`RobotMotion` holds them and the gate. The loop of a run and `retarget.Pipeline` move a robot by it.
+The loop of a run and `retarget.Pipeline` move a robot by `RobotMotion`, which holds them and the gate.
 """
 
 from abc import ABC, abstractmethod
@@ -30,11 +30,8 @@ from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """The target of a tick.
-
-    joints (n,): rad, servo order. q (nq,): with the root; None: the root follows from the planted soles. stop: the path
-    of the stop from there; None: the joints brake in proportion.
-    """
+    """The target of a tick. joints (n,): rad, servo order. q (nq,): with the root; None: on the planted soles. stop:
+    None: the joints brake in proportion."""
 
     joints: FloatArray
     q: FloatArray | None = None
@@ -65,10 +62,9 @@ class Controller(ABC):
 class Commanded:
     """The posture commanded last, without the deflection of the servos.
 
-    goal: sent last. target: that of this posture; while the robot stands it stays the same object, so a controller
-    recognises its own. q (nq,): the posture. standing (nq,): the stance; before the robot stands on its soles, the
-    future one. velocity (nv,) per s. stood_s: s since the posture changed; waited_s: s since then and since the last
-    refusal.
+    target: that of this posture; while the robot stands it stays the same object, so a controller recognises its own. q
+    (nq,): the posture. standing (nq,): the stance, present or future. velocity (nv,) per s. stood_s: s since the
+    posture changed; waited_s: s since then and since the last refusal.
     """
 
     goal: CheckedGoal
@@ -91,7 +87,7 @@ class Commanded:
 
 
 def first_commanded(robot: RobotBody, goal: CheckedGoal, standing: FloatArray) -> Commanded:
-    """A robot at rest at its first goal, that will stand as in `standing` (nq,)."""
+    """A robot at rest at its first goal."""
     q = standing.copy()
     q[robot.servo_columns] = goal.posture
     return Commanded(goal, Target(goal.posture), q, standing, np.zeros(robot.body.nv))
@@ -100,8 +96,7 @@ def first_commanded(robot: RobotBody, goal: CheckedGoal, standing: FloatArray) -
 def next_commanded(
     robot: RobotBody, before: Commanded, goal: CheckedGoal, target: Target | None, *, dt: float, on_soles: bool
 ) -> Commanded:
-    """The commanded posture `dt` s later, after a goal was sent for a target. on_soles: the robot stands as
-    commanded."""
+    """The commanded posture `dt` s after a goal was sent for a target. on_soles: the robot stands as commanded."""
     standing, velocity = before.standing, before.velocity
     stands = np.array_equal(goal.posture, before.joints)
     stood_s = before.stood_s + dt if stands else 0.0
@@ -122,16 +117,15 @@ def next_commanded(
 
 
 RISE_S, JERK_S = 0.5, 0.2
-"""[s] Rise of speed and of acceleration in a slow move, gentle for a robot whose mass moves over planted soles."""
+"""[s] Rise of speed and of acceleration, gentle for a robot on planted soles."""
 BRAKE_S, BRAKE_JERK_S = 0.12, 0.04
-"""[s] The same for braking: the robot stands within 0.35 s of a hold, on its line."""
+"""[s] The same for braking: the robot stands within 0.35 s of a hold."""
 RETRY_S = 0.2
-"""[s] Standing time before a refused slow move goes on: the servos catch up with their goals, and the gate checks
-both."""
+"""[s] Standing time before a refused slow move goes on, in which the servos catch up."""
 
 
 class SlowMove:
-    """A slow move of all joints from the commanded posture. share: of their greatest speeds."""
+    """A slow move of all joints at a share of their greatest speeds."""
 
     def __init__(self, robot: RobotBody, *, share: float, dt: float) -> None:
         velocity, most = share * robot.joint_map.max_velocity, robot.joint_map.max_acceleration
@@ -147,12 +141,12 @@ class SlowMove:
         self._last = commanded.target
 
     def is_at(self, goal: FloatArray, commanded: Commanded) -> bool:
-        """True if the robot was commanded to a goal (n,) rad and rests there."""
+        """True if the robot rests at a goal (n,) rad."""
         return self._moves.at_rest and np.array_equal(self._moves.position, goal) and self._is_sent(commanded)
 
     def towards(self, goal: FloatArray, commanded: Commanded, *, speed_override: float) -> Target | None:
-        """The target of the next tick on the way to a goal (n,) rad; None: the robot has to stand first, as it was
-        moved by something else."""
+        """The target of the next tick to a goal (n,) rad; None: something else moved the robot, which has to stand
+        first."""
         if not self._is_sent(commanded):
             if commanded.waited_s < RETRY_S:
                 return None
@@ -160,11 +154,10 @@ class SlowMove:
         return self._step(self._moving, goal, speed_override)
 
     def brake(self, commanded: Commanded) -> Target | None:
-        """The target of the next tick of braking on the line; None: the robot was moved by something else."""
+        """The target of the next tick of braking; None: something else moved the robot."""
         return self._step(self._braking, self._moves.position, 0.0) if self._is_sent(commanded) else None
 
     def _step(self, moves: TrajectoryGenerator, goal: FloatArray, speed_override: float) -> Target:
-        """The target of the next tick; a change of limits keeps position, velocity and acceleration."""
         if moves is not self._moves:
             moves.reset(self._moves.position, self._moves.velocity, self._moves.acceleration)
             self._moves = moves
@@ -176,7 +169,6 @@ class SlowMove:
         return not self._is_sent(commanded) and commanded.waited_s < RETRY_S
 
     def _is_sent(self, commanded: Commanded) -> bool:
-        """True if nothing but this move has moved the robot since its last target."""
         return commanded.target is self._last
 
 
@@ -189,7 +181,7 @@ class ApproachPart(Enum):
 
 
 class Approach(Controller):
-    """Moves from the present posture to the beginning of following, no faster than the profile's `approach`."""
+    """Moves from the present posture to the beginning of following, at the speed `approach` of the profile."""
 
     def __init__(
         self,
@@ -200,8 +192,8 @@ class Approach(Controller):
         dt: float,
         goal: FloatArray | None = None,
     ) -> None:
-        """human: the performer's first posture. goal (n,): rad, replaces the performer's posture as the destination.
-        Raises RetargetError if the robot's posture for the performer is not finite."""
+        """human: the performer's first posture. goal (n,): rad, another destination. Raises RetargetError if the
+        robot's posture for the performer is not finite."""
         self._follower, self._human, self._dt = follower, human, dt
         self._share = robot.profile.safety.speed_caps.approach
         self.first = require_finite(follower.start(human))
@@ -218,7 +210,7 @@ class Approach(Controller):
         self.part = ApproachPart.STRAIGHT
 
     def is_refused(self, commanded: Commanded) -> bool:
-        """True if the gate refuses the straight part: the robot holds, and tries again."""
+        """True if the gate refuses the straight part."""
         return self.part is ApproachPart.STRAIGHT and self._move.is_refused(commanded)
 
     @property
@@ -252,15 +244,12 @@ class Approach(Controller):
 
 
 RETURNED_M, SPEED_UP_S = 0.01, 0.75
-"""After a hold the robot is slow until each sensor is within RETURNED_M, m, of its goal. Full speed returns in
-SPEED_UP_S."""
+"""After a hold the robot is slow until each sensor is within RETURNED_M, m, of its goal, and fast again after
+SPEED_UP_S, s."""
 
 
 class Follow(Controller):
-    """Maps the sample to the human posture, and that to the robot.
-
-    human: reconstructed last. posture: of the robot for it. costs: thread CPU of both stages in the last tick, s.
-    """
+    """Maps the sample to the human posture, and that to the robot. costs: thread CPU of both stages, s."""
 
     def __init__(
         self,
@@ -311,17 +300,16 @@ class Follow(Controller):
         return None if self.lost else Target(posture.joint_positions, posture.q, self._follower.stop(self._dt))
 
 
-REGAIN_S = 0.4
-"""[s] Time in which a playback regains full speed after a hold."""
+REGAIN_S = 0.4  # [s] in which a playback regains full speed after a hold
 MOST_REFUSED, GONE_S = 5, 1.0
-"""Most consecutive interruptions of a playback, each within GONE_S, s, of progress after the one before."""
+"""Most consecutive interruptions of a playback, each within GONE_S, s, of progress."""
 
 
 class GoalPlayback(Controller):
-    """Sends recorded goals instead of following. After an interruption the robot stands, and returns to them slowly."""
+    """Sends recorded goals. After an interruption the robot stands, and returns to them slowly."""
 
     def __init__(self, robot: RobotBody, goals: FloatArray, *, dt: float) -> None:
-        """goals (T, n): rad, servo order, a tick from row to row; the robot begins at the first."""
+        """goals (T, n): rad, servo order, a row per tick; the robot begins at the first."""
         self._goals, self._dt = goals, dt
         self._last: Target | None = None  # None: the robot is at the first goal
         self._gone, self._pace = 0.0, 1.0  # rows; share of the recording's speed
@@ -334,7 +322,7 @@ class GoalPlayback(Controller):
         return self._gone == len(self._goals) - 1 and at_last and self._is_sent(commanded)
 
     def is_refused(self, commanded: Commanded) -> bool:
-        """True if the gate refuses the goals: the robot holds, and tries again MOST_REFUSED times."""
+        """True if the gate refuses the goals, or has done so too often."""
         return self._lost > MOST_REFUSED or (not self._is_sent(commanded) and self._move.is_refused(commanded))
 
     def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
@@ -355,13 +343,12 @@ class GoalPlayback(Controller):
         return self._last
 
     def _is_sent(self, commanded: Commanded) -> bool:
-        """True if nothing but the recorded goals has moved the robot."""
         return self._last is None or commanded.target is self._last
 
 
 @dataclass(frozen=True, eq=False)
 class GoalsInstead:
-    """Goals that replace a performer. first (n,): rad, the destination of the approach. name: for messages."""
+    """Goals that replace a performer. first (n,): rad, destination of the approach."""
 
     controller: Controller
     first: FloatArray
@@ -369,11 +356,8 @@ class GoalsInstead:
 
 
 class ComeToRest(Controller):
-    """Leaves the robot to the last verified stop, and then lets it stand.
-
-    On the straight part of the approach it brakes more gently, on its line. A limb in contact (`pressed`) brakes
-    harder, and returns to where it was at that moment.
-    """
+    """Leaves the robot to the last verified stop. On the straight part of the approach it brakes more gently, on its
+    line. A limb in contact (`pressed`) returns to its posture at that moment."""
 
     def __init__(self, robot: RobotBody, follower: Follower, approach: Approach, gate: Gate, *, dt: float) -> None:
         self._robot, self._follower, self._approach, self._dt = robot, follower, approach, dt
@@ -381,7 +365,7 @@ class ComeToRest(Controller):
         self.pressed: Press | None = None
 
     def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
-        """The commanded target while the robot stands, or one of braking; None: the gate follows the stop."""
+        """The commanded target of a robot that stands, or one of braking; None: the gate follows the stop."""
         self._follower.pass_time(self._dt)
         if self.pressed is not None and self._standing is not None and not self._follower.walks:
             path = return_path(self.pressed, commanded.goal, self._robot.joint_map, dt=self._dt)
@@ -394,7 +378,7 @@ class ComeToRest(Controller):
 
 
 class ReturnToStance(Controller):
-    """Leads the robot to its stance on its soles; see `Follower.return_to_stance`."""
+    """Leads the robot to its stance on its soles."""
 
     def __init__(self, robot: RobotBody, follower: Follower, *, dt: float) -> None:
         self._follower, self._dt = follower, dt
@@ -402,7 +386,7 @@ class ReturnToStance(Controller):
         self._next: FloatArray | None = None  # (nq,) posture; None: the robot is there
 
     def has_arrived(self, commanded: Commanded) -> bool:
-        """True if the robot is in its stance, or needs no return."""
+        """True if the robot is in its stance."""
         return self._next is None
 
     def begin(self, commanded: Commanded) -> None:
@@ -424,13 +408,11 @@ def rest_joints(robot: RobotBody) -> FloatArray:
     return robot.posture(robot.profile.postures.rest)[robot.servo_columns]
 
 
-REST_WITHIN_S = 1.9
-"""[s] Longest move from one keyframe to the next, if the servos can."""
+REST_WITHIN_S = 1.9  # [s] longest move from one keyframe to the next, if the servos can
 
 
 class GoToRest(Controller):
-    """Moves from the commanded posture through keyframes to posture `rest`. After a refusal the robot holds, and tries
-    again."""
+    """Moves through keyframes to posture `rest`. After a refusal the robot holds, and tries again."""
 
     def __init__(
         self,
@@ -440,7 +422,7 @@ class GoToRest(Controller):
         dt: float,
         pass_time: Callable[[float], object] = lambda dt: None,
     ) -> None:
-        """keyframes: postures of the profile, the last is `rest`. pass_time: receives `dt` s in every tick."""
+        """keyframes: postures of the profile, the last is `rest`. pass_time: receives `dt` s per tick."""
         self._robot, self._dt, self._pass_time = robot, dt, pass_time
         self._names, self._keyframes = keyframes, list[FloatArray]()
         self._move: SlowMove | None = None
@@ -477,7 +459,7 @@ class GoToRest(Controller):
 
 
 def require_finite(posture: RobotPosture) -> RobotPosture:
-    """The posture, if it is finite. Raises RetargetError before the robot has torque."""
+    """Raise RetargetError for a posture that is not finite, before the robot has torque."""
     if not np.isfinite(posture.q).all():
         raise RetargetError(
             describe(
@@ -491,7 +473,7 @@ def require_finite(posture: RobotPosture) -> RobotPosture:
 
 
 class RobotMotion:
-    """Moves one robot by the controller of each state and the gate. In each tick: `target`, `check`, `next`."""
+    """Moves one robot: in each tick `target`, `check`, `next`."""
 
     def __init__(
         self,
@@ -506,8 +488,8 @@ class RobotMotion:
         goals: GoalsInstead | None = None,
         keyframes: Sequence[str] | None = None,
     ) -> None:
-        """first: the sample that the robot approaches. motion_dt: s of the performer's time per tick. keyframes: to
-        rest; None: those of the profile. Raises RetargetError if the posture to approach is not finite."""
+        """first: the sample to approach. motion_dt: s of the performer's time per tick. keyframes: to rest; None: the
+        profile's. Raises RetargetError if the posture to approach is not finite."""
         self._robot, self._follower, self._gate, self._dt = robot, follower, gate, dt
         human, slow = reconstructor.start(first), robot.profile.safety.speed_caps.approach
         self.approach = Approach(robot, follower, human, dt=dt, goal=None if goals is None else goals.first)
@@ -540,7 +522,7 @@ class RobotMotion:
         return self.approach.part is ApproachPart.STRAIGHT
 
     def refused(self, commanded: Commanded) -> str:
-        """The motion that the gate refuses now, so that the robot holds; else ""."""
+        """The motion that the gate refuses now, or ""."""
         if self.approach.is_refused(commanded):
             return "the approach"
         instead = self._instead
@@ -556,7 +538,7 @@ class RobotMotion:
         return first_commanded(self._robot, goal, self.approach.first.q)
 
     def stands(self, commanded: Commanded) -> bool:
-        """True if neither the posture nor its goals, which may still follow the load, have anything left to brake."""
+        """True if posture and goals, which may still follow the load, have nothing left to brake."""
         return commanded.stands and self._gate.at_rest(commanded.goal)
 
     def has_arrived(self, state: RunState, commanded: Commanded) -> bool:
@@ -567,7 +549,7 @@ class RobotMotion:
     def target(
         self, state: RunState, commanded: Commanded, performer: PerformerInput, *, speed_override: float
     ) -> Target | None:
-        """The target of the next tick, see `Controller.target`. The first target of a state begins it."""
+        """The target of the next tick; the first one of a state begins it."""
         controller = self._controllers.get(state)
         if controller is None:
             return None
@@ -581,8 +563,7 @@ class RobotMotion:
         return self._to_rest.brake(commanded) if state is RunState.GO_TO_REST else None
 
     def check(self, commanded: Commanded, target: Target | None) -> tuple[CheckedGoal, Target | None]:
-        """The goal for a target, and the part of the target that it fulfils; after a refusal the next goal of the
-        stop."""
+        """The goal for a target, and the part of it that is fulfilled; after a refusal the next goal of the stop."""
         goal, last, standing = None, commanded.goal, commanded.standing
         if target is not None and target.stop is not None and self._governor is not None:
             governed = self._governor.check(last, target.stop, standing)

@@ -1,8 +1,4 @@
-"""Joint targets of another program, in place of a performer.
-
-Targets come at a rate of their own, late or in jumps. They are smoothed, and the initial offset decays at approach
-speed. The gate checks the result with the path of its stop.
-"""
+"""Joint targets of another program, in place of a performer. They come late or in jumps, so they are smoothed."""
 
 from typing import Protocol
 
@@ -17,8 +13,7 @@ from retarget.run.controllers import JERK_S, RISE_S, Commanded, Controller, Goal
 from retarget.types import FloatArray
 
 SMOOTH_S, SMOOTH_JERK_S = 0.06, 0.03
-"""[s] Rise of the smoothed target's velocity and acceleration: about two periods of targets at 30 Hz. The delay is half
-of their sum."""
+"""[s] Rise of the smoothed target's velocity and acceleration: about two periods of targets at 30 Hz."""
 JUMP = 1.5
 """A target faster than this multiple of a servo's greatest velocity has jumped; timing noise is less."""
 
@@ -32,13 +27,11 @@ class JointTargets(Protocol):
 
 
 class TargetFollower(Controller):
-    """Follows the smoothed target plus an offset that decays at approach speed.
-
-    offset = commanded - target. It restarts with following, after a refusal, and when the target jumps.
-    """
+    """Follows the smoothed target plus an offset, commanded - target, that decays at approach speed. It restarts with
+    following, after a refusal, and when the target jumps."""
 
     def __init__(self, robot: RobotBody, follower: Follower, targets: JointTargets, *, dt: float) -> None:
-        """follower: plans the stops of a robot on its soles. dt: s per tick."""
+        """follower: plans the stops of a robot on its soles."""
         self._robot, self._follower, self._targets, self._dt = robot, follower, targets, dt
         servos, share = robot.joint_map, robot.profile.safety.speed_caps.approach
         slow, self._most = share * servos.max_velocity, JUMP * servos.max_velocity * dt
@@ -66,20 +59,17 @@ class TargetFollower(Controller):
             self._offset.reset(commanded.joints - self._smooth.position, velocity - self._smooth.velocity)
         self._target, self._before = target, commanded.joints
         joints = self._smooth.step(target, speed_override) + self._offset.step(self._none, speed_override)
-        self._last = self._planned(joints, commanded)
-        return self._last
-
-    def _planned(self, joints: FloatArray, commanded: Commanded) -> Target:
-        robot, dt = self._robot, self._dt
-        q = commanded.standing.copy()
+        # Planted where the robot stands, with the stop on its soles.
+        robot, dt, q = self._robot, self._dt, commanded.standing.copy()
         q[robot.servo_columns] = joints
         plant_root(robot, commanded.standing, q)
         velocity = robot.kinematics.difference(commanded.standing, q) / dt
-        return Target(joints, q, self._follower.stop_from(q, velocity, dt))
+        self._last = Target(joints, q, self._follower.stop_from(q, velocity, dt))
+        return self._last
 
 
 def following_targets(
     robot: RobotBody, follower: Follower, targets: JointTargets, *, first: FloatArray, dt: float
 ) -> GoalsInstead:
-    """Follow joint targets in place of a performer. first (n,): rad, where the robot stands before it follows."""
+    """Follow joint targets. first (n,): rad, destination of the approach."""
     return GoalsInstead(TargetFollower(robot, follower, targets, dt=dt), first, "the targets")

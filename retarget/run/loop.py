@@ -162,14 +162,9 @@ class LiveInputs:
         now, idle = clock.now(), clock.idle()
         if run_state in AT_RISK:
             with caught(failures, StopCause.SOURCE):
-                performer = self._look_at_performer(tick, approached=approached)
+                over = samples.over or tick >= samples.ticks
+                performer = PerformerInput(over=True) if over else look_at(samples, tick, approached=approached)
         return TickInput(now, idle, servos, performer, operator, tuple(failures))
-
-    def _look_at_performer(self, tick: int, *, approached: bool) -> PerformerInput:
-        samples = self._samples
-        if samples.over or tick >= samples.ticks:
-            return PerformerInput(over=True)
-        return look_at(samples, tick, approached=approached)
 
     def _wait(self) -> None:
         """Wait until the next tick is due. Delays are counted and skipped, not made up for."""

@@ -22,8 +22,7 @@ PERTURBATIONS: dict[str, tuple[float, float] | None] = {
     "stiffness": (0.1, 10.0),
     "push": None,
 }
-"""Kinds of perturbation, and range of a number after `=`: factors of mass and stiffness, a coefficient, s. None: only
-drawn."""
+"""Range of the number after `=`: factors of mass and stiffness, a coefficient, s. None: only drawn."""
 MAX_SEED = 2**32 - 1  # 32 bits, which every generator takes
 
 
@@ -63,7 +62,7 @@ class PhysicsOptions:
 
 
 def perturbation_of(text: str) -> tuple[str, float | None]:
-    """The kind of a perturbation, and the number after `=`, if given. Raises UsageError."""
+    """A perturbation, and its number, if given. Raises UsageError."""
     kind, given, number = text.partition("=")
     _one_of(kind, tuple(PERTURBATIONS), "--perturb", "perturbation")
     within = PERTURBATIONS[kind]
@@ -91,13 +90,13 @@ def _one_of(value: str, allowed: tuple[str, ...], option: str, what: str, also: 
 
 
 BUSES = ("mock", "emulator", "physics", "physics+wire", "none", "profile")
-"""Buses by name; anything else is a port, or `module:Class` (see `retarget.run.own_bus`)."""
+"""Buses by name; other names are a port, or `module:Class`."""
 SIMULATED = ("mock", "emulator", "physics", "physics+wire", "none")
 """Buses without real servos: a recording is played as fast as the machine can."""
 PHYSICS = ("physics", "physics+wire")  # the simulated robot has mass; the second passes the emulator's bytes
 WIRED = ("emulator", "physics+wire")  # buses with an emulated wire, on which faults can be injected
 SERVOLESS = ("mock", "none")
-"""Buses without current, voltage and temperature; those of `--robot human`."""
+"""Buses without current, voltage and temperature."""
 MAX_ITERATIONS = 100  # twenty times the paper's: more is a mistyped value
 
 
@@ -195,19 +194,19 @@ class RunOptions:
 
     def _check_human(self) -> None:
         robot = f"--robot {HUMAN}"
-        if self.parts != "whole":
-            raise UsageError("parts are parts of a robot", where="--parts", found=robot)
-        if self.legs is not None:
-            raise UsageError("a human's legs are the performer's", where="--legs", found=robot)
-        if self.steps is not None:
-            raise UsageError("a human's feet are the performer's", where="--steps", found=robot)
-        if self.bus not in SERVOLESS:
-            found = f"{robot}, --bus {self.bus}"
-            raise UsageError("a human has no servos", where="--bus", found=found, allowed="none, or no --bus")
-        if self.max_force is not None:
-            raise UsageError("a human's hands are not limited", where="--max-force", found=robot)
-        if not self.gate:
-            raise UsageError("there is no gate to leave out", where="--no-gate", found=robot)
+        for option, given, what in (
+            ("--parts", self.parts != "whole", "parts are parts of a robot"),
+            ("--legs", self.legs is not None, "a human's legs are the performer's"),
+            ("--steps", self.steps is not None, "a human's feet are the performer's"),
+            ("--bus", self.bus not in SERVOLESS, "a human has no servos"),
+            ("--max-force", self.max_force is not None, "a human's hands are not limited"),
+            ("--no-gate", not self.gate, "there is no gate to leave out"),
+        ):
+            if given and option == "--bus":
+                found = f"{robot}, --bus {self.bus}"
+                raise UsageError(what, where=option, found=found, allowed="none, or no --bus")
+            if given:
+                raise UsageError(what, where=option, found=robot)
 
     def _check_free_legs(self) -> None:
         if self.bus not in SERVOLESS:
@@ -256,7 +255,7 @@ class RunOptions:
 HUMAN_PRIORITIES = "human"
 WITHOUT_MASS = "servo"  # priority file of a robot without mass; one with mass uses one of the next two
 STANDING_WITH_MASS, FIXED_WITH_MASS = "balanced", "fixed_base"
-"""Priority files of a robot on its soles, and of one that hangs or is bolted down and whose servos lag."""
+"""Priority files of a robot on its soles, and of another one, whose servos lag."""
 FREE_LEGS = "free_legs"  # priority file of a robot that nothing carries
 
 

@@ -1,7 +1,6 @@
-"""A live source of the user's own: a function that returns new poses, in place of a socket.
+"""A live source of the user's own: a function that returns new poses.
 
-Its frames take the same steps as those of every stream. They are encoded as poses in JSON (docs/live.md), so that a tap
-can record them for `replay://`.
+Its frames are encoded as poses in JSON (docs/live.md) and take the same steps as those of every stream.
 """
 
 import json
@@ -23,18 +22,17 @@ from retarget.sources.streams.stream_frame import Dropped, StreamFrame
 from retarget.types import Notify
 
 Read = Callable[[float], Sequence[StreamFrame] | None]
-"""From now, s on the run's clock, to the frames since the last poll, oldest first; None ends the source."""
+"""From now, s on the run's clock, to the new frames, oldest first; None ends the source."""
 HERE = ("127.0.0.1", 0)  # the sender that admission sees
 MOST_WAITING = 1024
-"""Frames in the queue; further ones are dropped and counted, as datagrams in the kernel are."""
+"""Frames in the queue; further ones are dropped and counted."""
 
 
 class OwnSource:
     """A `retarget.live.admission.Receiver` that polls a function.
 
     `read` is called in the thread of the ticks, before each of them, and every 10 ms during calibration. It must not
-    block: a tracker that does needs a thread that fills a `queue.SimpleQueue`. An exception of `read` stops the robot
-    and ends the run.
+    block. An exception stops the robot and ends the run.
     """
 
     def __init__(self, read: Read) -> None:
@@ -45,7 +43,7 @@ class OwnSource:
 
     @property
     def finished(self) -> bool:
-        """True if the source is over, and all of its frames are taken."""
+        """True if all frames are taken."""
         return self._read is None and not self._waiting
 
     def poll(self, now: float) -> list[Datagram]:
@@ -58,7 +56,6 @@ class OwnSource:
         return [self._waiting.popleft() for _ in range(min(len(self._waiting), MOST_PER_POLL))]
 
     def _read_once(self, now: float) -> Sequence[StreamFrame]:
-        """The frames of the function, which is called once for each `now`."""
         if self._read is None or now <= self._last:
             return ()
         self._last = now
@@ -81,11 +78,8 @@ def performing(
     notify: Notify = lambda text: None,
     tap: RawTap | None = None,
 ) -> Perform:
-    """A performance by a source of the user's own, for `prepare_for`.
-
-    notify: receives instructions to the performer. tap: records the frames. The result raises InputError without data
-    or sensors, or if the performer moves; UsageError if the performer cannot be measured.
-    """
+    """A performance by a source of the user's own, for `prepare_for`. It raises InputError without data or sensors, or
+    if the performer moves; UsageError if the performer cannot be measured."""
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
         source = OwnSource(read)

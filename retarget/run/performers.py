@@ -1,5 +1,4 @@
-"""Performers without a stream: recordings in which sensors jump, and samples from a caller. Jumps hold the robot, as
-those of a live performer do."""
+"""Performers from recordings in which sensors jump, and from single samples. Jumps hold the robot."""
 
 from dataclasses import replace
 from itertools import compress
@@ -66,10 +65,8 @@ REPEATED_S = 0.1
 
 
 class SteppedPerformer:
-    """A `retarget.human.samples.Performing` whose samples come by `take` in each tick.
-
-    paused: the caller ends a hold. seen: the smoothed sample of this tick without jumps, if valid.
-    """
+    """A `retarget.human.samples.Performing` whose samples come by `take`. seen: the smoothed sample without jumps, if
+    valid."""
 
     paused: ClassVar[bool] = True
 
@@ -87,7 +84,7 @@ class SteppedPerformer:
         self.seen: SensorSample | None = first
 
     def take(self, now: float, sample: SensorSample | None, *, lost: str = "no sample") -> None:
-        """Take the sample of the tick at `now`, s, if there is a valid one. lost: describes what is missing."""
+        """Take the sample of the tick at `now`, s, if valid. lost: describes what is missing."""
         self._now, self._lost = now, lost
         if sample is not None and (now - self._changed > REPEATED_S or not _is_repeated(self._given, sample)):
             self._judged, self._changed = self._jumps.step(now, sample), now
@@ -139,7 +136,6 @@ class SteppedPerformer:
 
 
 def _is_repeated(before: SensorSample | None, sample: SensorSample) -> bool:
-    """True if a sample equals the one before to the bit."""
     return before is not None and all(
         np.array_equal(one, other, equal_nan=True)
         for one, other in (

@@ -284,7 +284,9 @@ def prepare_for(
     has_deadlines = real if has_deadlines is None else has_deadlines
     limits = limits if has_deadlines else replace(limits, max_pause=inf)
     guard, supervisor = Guard(bus=bus, joint_map=robot.joint_map, limits=limits), supervisor or Supervisor()
-    contact = contact_detector(robot, options, dt=dt)
+    contact = None
+    if options.has_mass and robot.profile.safety.holds_when_pressed:
+        contact = ContactDetector(robot, dt=dt)
     machine = Machine(
         robot, follower, gate, guard, supervisor, clock, dt, end_plan, real, notify, tip_watch=watch, contact=contact
     )
@@ -302,12 +304,6 @@ def prepare_for(
     )
     with _open(bus, guard):
         yield prepared
-
-
-def contact_detector(robot: RobotBody, options: RunOptions, *, dt: float) -> ContactDetector | None:
-    """The contact detector of a robot with mass, unless its profile switches it off."""
-    felt = options.has_mass and robot.profile.safety.holds_when_pressed
-    return ContactDetector(robot, dt=dt) if felt else None
 
 
 @contextmanager

@@ -38,11 +38,8 @@ KEPT = (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Record(RunTable):
-    """A run, a row per sent tick.
-
-    start (n,): rad, before the first tick; empty for a human alone, whose ticks all follow. from_start, to_end: no tick
-    is missing there.
-    """
+    """A run, a row per sent tick. start (n,): rad, before the first; empty for a human alone. from_start, to_end: no
+    tick is missing there."""
 
     human_joint_names: tuple[str, ...]
     landmark_names: tuple[str, ...] = ()
@@ -207,8 +204,7 @@ class TickRecorder:
         followed: RobotPosture | None,
         unexplained: FloatArray | None = None,
     ) -> None:
-        """Keep posture q (nq,), m, wxyz and rad, and goal. commanded: there was a target, or the robot was to stop.
-        unexplained (n,): N m, of the contact detector."""
+        """Keep posture q (nq,), m, wxyz and rad, and goal. commanded: there was a target, or the robot was to stop."""
         record, robot, row, states = self.record, self._robot, self._rows.row, guard.states
         assert robot is not None and states is not None and guard.sent is not None, "a goal was written"
         record.q[row], record.goals[row], record.goal_ticks[row] = q, goal.joints, guard.sent

@@ -1,4 +1,4 @@
-"""A finished run, for metrics, pictures and files, and the extras of a snapshot while it goes on."""
+"""A finished run, for metrics, pictures and files, and the extras of a snapshot."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -36,11 +36,10 @@ class Fallen:
 class PhysicsRun:
     """A simulated run of n servos and k soles, in T samples from the first torque on.
 
-    fall: the first. toppled: of a robot at rest without torque. time (T,): s, on the run's time. body (T, 7 + j): root,
-    m and wxyz, and joints, rad or m, see `truth_names`. com (T, 3): m. pressure (T, 2): centre of pressure, m, NaN in
-    the air; margin (T,): m, inside the hull of the carrying soles. slip (k,): m, horizontal path of each carrying sole.
-    tilt: the worst of a carrying sole, rad. torque (T, n): N m. hottest (n,): degrees Celsius, by a model that is not
-    calibrated. contacts: samples in contact with itself, and with a fixture.
+    toppled: fall at rest without torque. time (T,): s, on the run's time. body (T, 7 + j): root, m and wxyz, and
+    joints, rad or m. com (T, 3): m. pressure (T, 2): centre of pressure, m, NaN in the air; margin (T,): m, inside the
+    hull of the carrying soles. slip (k,): m. tilt: the worst of a carrying sole, rad. torque (T, n): N m. hottest (n,):
+    degrees Celsius, not calibrated. contacts: samples in contact with itself, and with a fixture.
     """
 
     mount: str
@@ -83,7 +82,7 @@ CAPPED = "linear solves took too many steps and were ended: they keep all limits
 
 @dataclass(frozen=True)
 class RunTally:
-    """The findings of a run's machine. standing: why it stood at the end, or "". strategies: s of each, by name."""
+    """The findings of a run. standing: why it stood at the end, or "". strategies: s of each, by name."""
 
     walk: WalkTally | None = None
     refused_pair: RefusedPair | None = None
@@ -105,11 +104,7 @@ class RunSetup:
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """A run. Arrays per tick have the rows of `record`.
-
-    robot: None for a human alone. state, reason: see `StopReport`. wall_s: of the loop. scene, observers: of the last
-    stage. live: None for a file.
-    """
+    """A run. Arrays per tick have the rows of `record`. robot: None for a human alone. wall_s: of the loop."""
 
     record: Record
     clip: Clip
@@ -129,7 +124,7 @@ class RunResult:
 
     @property
     def observer_names(self) -> tuple[str, ...]:
-        """Observers of the last stage, in the order of the recorded modes."""
+        """Observers of the last stage."""
         return () if self.observers is None else self.observers.names
 
     @property
@@ -191,7 +186,7 @@ class RunResult:
         return sent.landmark_names, sent.landmarks_asked, reached
 
     def present_q(self, rows: slice) -> FloatArray | None:
-        """Measured postures (T, nq), m, wxyz and rad, on the planted sole; None without servos that answer."""
+        """Measured postures (T, nq), m, wxyz and rad, on the planted sole; None without servos."""
         sent = self.record.robot
         if self.robot is None or sent is None or not self.setup.has_bus:
             return None
@@ -202,7 +197,7 @@ class RunResult:
 
     @property
     def moved_q(self) -> FloatArray | None:
-        """Postures (T, nq), m, wxyz and rad, of the simulated body, or as sent without mass."""
+        """Postures (T, nq), m, wxyz and rad, of the simulated body, or as sent."""
         sent, physics = self.record.robot, self.physics
         if self.robot is None or sent is None or physics is None or not len(physics.time):
             return None if sent is None else sent.q
@@ -230,7 +225,7 @@ class RunResult:
 
     @property
     def _back(self) -> FloatArray | None:
-        """Rotations (T, 4) wxyz from the world to the axes of the stance, mid-way between the soles; None if equal."""
+        """Rotations (T, 4) wxyz from the world to the axes of the stance; None if equal."""
         robot, sent, walk = self.robot, self.record.robot, self.tally.walk
         if robot is None or sent is None or walk is None or not walk.steps:
             return None
@@ -243,7 +238,7 @@ ROOT, PRESSURE = 7, 2  # numbers of a free root, and of a centre of pressure
 
 
 def truth_names(body: BodyModel) -> tuple[str, ...]:
-    """Names of the numbers of a simulated body: pose of the root, joints, centre of pressure, m, NaN in the air."""
+    """Names of the numbers of a simulated body: root, joints, and centre of pressure, m."""
     joints = [name for name, kind in zip(body.joint_names, body.joint_type, strict=True) if kind > JointType.BALL]
     return ("x", "y", "z", "qw", "qx", "qy", "qz", *joints, "pressure_x", "pressure_y")
 
@@ -260,8 +255,8 @@ def in_truth(body: BodyModel, goal: FloatArray, numbers: FloatArray) -> tuple[Fl
 
 @dataclass(frozen=True)
 class Extras:
-    """Extras of a snapshot, None if not known. words: state and reason. current (s,): A. obstacles (o, 7): poses.
-    truth: of a simulated body. latency: s, from a live frame to goals."""
+    """Extras of a snapshot. words: state and reason. current (s,): A. obstacles (o, 7): poses. latency: s, from a live
+    frame to goals."""
 
     words: Callable[[], tuple[str, str]] = lambda: ("", "")
     current: Callable[[], FloatArray | None] = lambda: None

@@ -32,8 +32,7 @@ LONGEST_RETURN_S = 15.0
 LONGEST_TO_REST_S = 24.0
 """[s] Longest move to rest, after which the robot holds."""
 LONGEST_FALL_S = 1.5
-"""[s] From detection of a fall to torque off: an inverted pendulum of 0.4 m (a robot of 0.8 m) that begins at 5 degrees
-lies within 0.8 s."""
+"""[s] From detection to torque off: an inverted pendulum of 0.4 m that begins at 5 degrees lies within 0.8 s."""
 LONGEST_STOP_S = 2.0 * LONGEST_BRAKE_S + LONGEST_RETURN_S + LONGEST_TO_REST_S
 """[s] Longest stop as a whole, after which every state has timed out."""
 COMMANDED_S = 0.5
@@ -59,7 +58,7 @@ STATES: dict[RunState, StateRow] = {
 
 
 class Event(Enum):
-    """The events that change a state. The first of this list that the present state has a transition for counts."""
+    """The events that change a state. The first one of this list with a transition counts."""
 
     RELEASED = "the operator, who holds the robot, switches torque off"
     TORQUE_OFF = "torque off is asked for, the bus is lost, or a tick fails and the robot cannot brake"
@@ -181,11 +180,8 @@ class End(Enum):
 
 @dataclass(frozen=True)
 class OperatorInput:
-    """The requests of the operator.
-
-    stop: the reason. torque_off: counts once the robot stands. fault: cause and reason of a stop in any state, such as
-    a fall. velocity: of a stick; None without one, so that the robot walks with the performer.
-    """
+    """The requests of the operator. stop: the reason. torque_off: counts once the robot stands. fault: cause and reason
+    of a stop in any state. velocity: of a stick; None without one."""
 
     stop: str | None = None
     torque_off: bool = False
@@ -195,8 +191,8 @@ class OperatorInput:
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """The situation of the robot. hold_reason, falls: in words, or "". approached: following can begin. arrived: the
-    present controller has. stands: nothing is left to brake; straight: on the straight part of the approach."""
+    """The situation of the robot. hold_reason, falls: in words, or "". straight: on the straight part of the
+    approach."""
 
     hold_reason: str = ""
     falls: str = ""
@@ -245,7 +241,7 @@ class Supervisor:
         return True
 
     def enter(self, state: RunState, clock: Clock) -> None:
-        """Go on to a state without torque, before the run. Raises ValueError without a transition to it."""
+        """Go on to a state without torque. Raises ValueError without a transition to it."""
         events = [event for (before, event), row in TRANSITIONS.items() if before is self.state and row.to is state]
         if not events or STATES[state].torque:
             raise ValueError(f"no transition from {self.state.value} to {state.value}")
@@ -254,8 +250,7 @@ class Supervisor:
     def step(
         self, now: float, operator: OperatorInput, performer: PerformerInput, situation: Situation, guard: Guard
     ) -> RunState:
-        """The state of the tick at `now`, s. Reasons of stops are latched in the guard, and torque goes off at once
-        where needed."""
+        """The state of the tick at `now`, s. Reasons of stops are latched in the guard."""
         if self.state is RunState.HOLD and situation.hold_reason:
             self.hold_reason = situation.hold_reason
             self._held_since = now if performer.paused else self._held_since

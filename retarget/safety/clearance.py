@@ -16,13 +16,13 @@ from retarget.model.scene_state import SceneState
 from retarget.types import FloatArray
 
 REMEMBERED_S = 0.25
-"""[s] A servo at a goal of this last period lags behind; one elsewhere has left its trajectory."""
+"""[s] A servo at a goal of this last period lags; one elsewhere has left its trajectory."""
 ROUNDING_TICKS = 2.0
 """[encoder steps] Goal and position are rounded, and a good servo holds within a step."""
 
 
 class FollowingError:
-    """The servo errors that lag behind the goals of the last REMEMBERED_S does not explain."""
+    """The servo errors that goals of the last REMEMBERED_S do not explain."""
 
     def __init__(self, tick_rad: FloatArray, *, dt: float) -> None:
         """tick_rad (n,): rad per encoder step."""
@@ -47,8 +47,8 @@ class FollowingError:
 
 
 KEPT_SHARE = 0.25
-"""Share of each pair's margin that the gate requires. If it required the whole margin, which the observers control, it
-would refuse their rounding."""
+"""Share of each pair's margin that the gate requires; at the whole margin, which observers control, it would refuse
+their rounding."""
 SERVOS_SHARE = 0.25
 """The same for measured positions: the straight line to the goal cuts corners of the servos' real path."""
 
@@ -64,8 +64,7 @@ class PathClearance:
 
     The first is that of the goals: from the posture sent last to the goal and on to rest. Servos that lag pass the same
     places later. The second covers errors that lag does not explain (deflection, play, slip): from the measured
-    positions to the goal, and on to rest with the same error. Their direction is known, so no margin in all directions
-    is needed.
+    positions to the goal, and on to rest with the same error.
     """
 
     def __init__(
@@ -105,13 +104,13 @@ class PathClearance:
             self._first = None
 
     def limiting_pair(self, names: Sequence[str]) -> str:
-        """The two parts for which the last path was refused; "" if it passed. names: of the observers."""
+        """The two parts for which the last path was refused, or ""."""
         if self._refused is None:
             return ""
         return " and ".join(self.names_of(self._refused, names))
 
     def names_of(self, pair: Pair, names: Sequence[str]) -> tuple[str, str]:
-        """Names of a pair. names: of the robot's observers, or of their links."""
+        """Names of a pair. names: of observers, or of their links."""
         one, other, obstacle = pair
         return names[one], names[other] if other is not None else self._obstacles.shapes.names[obstacle or 0]
 
@@ -179,11 +178,23 @@ NEAR_SOLE_M = 1e-3
 def refuse_contact(found: tuple[Contact, ...], *, where: str) -> None:
     """Raise UsageError that names all contacts. where: for the message."""
     if found:
-        raise UsageError.from_problems([_problem(contact, where) for contact in found])
+        raise UsageError.from_problems(
+            [
+                Problem(
+                    f"{contact.part} touches {contact.other} at the start",
+                    where=where,
+                    found=f"{1e3 * contact.depth:.1f} mm deep",
+                    allowed="a start clear of contact",
+                    next_step="Move the obstacle or the start, or give --allow-contact: then links that touch may only "
+                    "move apart",
+                )
+                for contact in found
+            ]
+        )
 
 
 def refuse_floor(robot: RobotBody, observers: Observers, scene: SceneState, q: FloatArray) -> None:
-    """Raise UsageError if an obstacle is under the soles of a robot that stands in posture q (nq,)."""
+    """Raise UsageError if an obstacle is under the soles in posture q (nq,)."""
     feet = {name for name, stands in zip(observers.names, observers.stands.tolist(), strict=True) if stands}
     for contact in contacts(robot.body, observers, scene, q, deeper_than=-NEAR_SOLE_M):
         if contact.part in feet and contact.other in scene.shapes.names:
@@ -193,13 +204,3 @@ def refuse_floor(robot: RobotBody, observers: Observers, scene: SceneState, q: F
                 allowed="what the robot stands on is ground",
                 next_step=f"Write `ground: true` for {contact.other}, or leave it out: there is always a floor",
             )
-
-
-def _problem(contact: Contact, where: str) -> Problem:
-    return Problem(
-        f"{contact.part} touches {contact.other} at the start",
-        where=where,
-        found=f"{1e3 * contact.depth:.1f} mm deep",
-        allowed="a start clear of contact",
-        next_step="Move the obstacle or the start, or give --allow-contact: then links that touch may only move apart",
-    )

@@ -36,7 +36,7 @@ SUSTAINED_S = 0.08  # [s] of a residual at its bound until the robot holds; of t
 HARDEST = 2.5  # multiple of the bound that counts at most, so that several readings must agree
 BEGUN_S = 0.5  # [s] nothing is judged so long after the first reading, while the joints take up their loads
 CLEAR, CLEAR_S = 0.8, 0.5
-"""A contact is over after CLEAR_S, s, below this share of the bound. Friction alone may leave two thirds."""
+"""A contact is over after CLEAR_S, s, below this share of the bound."""
 STUCK_S, STUCK_RAD = 0.5, 0.1
 """A current that stays equal for STUCK_S, s, while its joint moves by STUCK_RAD, is not measured."""
 FULL_SHARE = 0.95  # of its greatest current, from which on a motor is saturated
@@ -51,7 +51,7 @@ STUCK = "warning: the current of {} does not change: that it presses against som
 
 @dataclass(frozen=True, eq=False)
 class Press:
-    """A contact. limb (n,): mask of the servos of the limb; joints (n,): rad, the posture to which the limb returns."""
+    """A contact. limb (n,): mask of its servos; joints (n,): rad, to which the limb returns."""
 
     joint: str
     text: str
@@ -71,8 +71,8 @@ class Presses:
 
 
 def return_path(pressed: Press, last: CheckedGoal, servos: JointMap, *, dt: float) -> FloatArray | None:
-    """Postures (k, n) rad, a row per tick, of a robot that stops while the limb in contact returns as fast as it may;
-    None if the stop of the last goal ends there already."""
+    """Postures (k, n) rad, a row per tick, of a robot that stops while the limb in contact returns; None if the stop
+    ends there already."""
     rows = last.stop if len(last.stop) else last.posture[None]
     limb = pressed.limb
     goal = np.clip(pressed.joints, servos.lower, servos.upper)[limb]
@@ -233,7 +233,7 @@ class _Readings:
 
 
 class ContactDetector:
-    """Detects contacts of one robot. unexplained (n,): residual torques, N m, servo order; NaN if not known."""
+    """Detects contacts. unexplained (n,): residual torques, N m, servo order; NaN if not known."""
 
     def __init__(self, robot: RobotBody, *, dt: float) -> None:
         self._robot, self._dt, self._dynamics = robot, dt, _InverseDynamics(robot, dt=dt)

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from hardware.arrays import FloatArray
-from hardware.errors import HardwareError, describe
+from hardware.errors import HardwareError
 from hardware.guard import CheckedGoal, _Seal
 from hardware.imu import ImuSample
 from hardware.joint_map import JointMap
@@ -21,8 +21,8 @@ from retarget.safety.clearance import PathClearance
 from retarget.safety.standing import StandingCheck
 
 MOST_OFFSET, OFFSET_SPEED = 0.4, 5.0
-"""[rad] Largest offset of a walking robot's goal from its posture, and its speed as a multiple of the joint's: a little
-more than `retarget.robot.walking.walking_goals` uses."""
+"""[rad] Largest offset of a walking robot's goal, and its speed as a multiple of the joint's; more than
+`retarget.robot.walking.walking_goals` uses."""
 ROUND_OFF = 1e-9
 """[rad] Tolerance of a bound, more than the rounding of two programs that agree."""
 
@@ -32,12 +32,12 @@ class Compensated(Protocol):
 
     @property
     def forced(self) -> bool:
-        """True if the limits of the gate turned the offset into a motion of its own."""
+        """True if the limits turned the offset into a motion of its own."""
         ...
 
     @property
     def free(self) -> bool:
-        """True if the offset has bounds of its own, so that the limits apply to the posture alone."""
+        """True if the offset has bounds of its own, and the limits apply to the posture."""
         ...
 
 
@@ -76,10 +76,9 @@ class Gate:
     brake in proportion. After a refusal the next posture of the last verified stop is sent, so the robot can always
     stop.
 
-    Limits are checked in rad, before rounding to ticks: one tick of 1.5 mrad in 8 ms would be 24 rad/s^2. With
-    `compensation` the limits of this tick apply to the goal, and all other checks to the posture. The torque of a
-    walking robot changes faster than its joints move: then all limits apply to the posture, and the offset is at most
-    MOST_OFFSET.
+    Limits are checked in rad: one tick of 1.5 mrad in 8 ms would be 24 rad/s^2. With `compensation` the limits of this
+    tick apply to the goal, and all other checks to the posture. The torque of a walking robot changes faster than its
+    joints move: then all limits apply to the posture, and the offset is at most MOST_OFFSET.
     """
 
     def __init__(
@@ -97,13 +96,8 @@ class Gate:
         velocity = speed * joint_map.max_velocity
         limits = np.array([joint_map.lower, joint_map.upper, velocity, joint_map.max_acceleration])
         if not (np.isfinite(limits).all() and (limits[0] < limits[1]).all() and (limits[2:] > 0.0).all()):
-            raise HardwareError(
-                describe(
-                    what="needs finite limits in ascending order and positive rates",
-                    where="gate",
-                    then="Correct the profile",
-                )
-            )
+            what = "needs finite limits in ascending order and positive rates"
+            raise HardwareError(what, where="gate", then="Correct the profile")
         self.clearance, self.standing, self._compensation = clearance, standing, compensation
         self._size, self._braking = len(joint_map), Braking(*limits, dt=float(dt))
         self._lower, self._upper = limits[:2]
@@ -116,13 +110,11 @@ class Gate:
         start = np.array(position, dtype=np.float64)
         if start.shape != (self._size,) or not np.isfinite(start).all():
             raise HardwareError(
-                describe(
-                    what="cannot start from this posture",
-                    where="gate",
-                    found=start,
-                    allowed=f"{self._size} finite joint angles",
-                    then="Check that every servo answers",
-                )
+                "cannot start from this posture",
+                where="gate",
+                found=start,
+                allowed=f"{self._size} finite joint angles",
+                then="Check that every servo answers",
             )
         compensated = None if self._compensation is None else self._compensation.begin(start)
         still, stop = np.zeros_like(start), np.zeros((0, self._size))
@@ -198,7 +190,6 @@ class Gate:
             self._compensation.measure(joints, imu)
 
     def _bounded(self, last: CheckedGoal, goal: FloatArray, posture: FloatArray) -> bool:
-        """True if the ranges, and the limits of the offset and of its speed are kept."""
         offset = goal - posture
         inside = (goal >= self._lower - ROUND_OFF) & (goal <= self._upper + ROUND_OFF)
         near = np.abs(offset) <= MOST_OFFSET + ROUND_OFF
@@ -206,7 +197,7 @@ class Gate:
         return bool((inside & near & slow).all())
 
     def _nearest(self, last: CheckedGoal, goal: FloatArray) -> FloatArray:
-        """The nearest goal (n,) rad within the limits, joint by joint."""
+        """The nearest goal (n,) rad within the limits."""
         # The bounds are on the displacement of this tick.
         lo, hi = self._braking.bounds(last.joints, last.displacement)
         return np.asarray(np.minimum(np.maximum(goal, last.joints + lo), last.joints + hi))

@@ -1,7 +1,7 @@
 """Command governor: the largest part of a desired motion from which the robot can still stop.
 
-Instead of a refused goal the robot takes shares of it, of the legs and of the other joints. Goal and last verified stop
-are blended row by row: a blend of paths within limits is within limits, and soles and balance change evenly.
+Goal and last verified stop are blended row by row, with separate shares of the legs and of the other joints: a blend of
+paths within limits is within limits, and soles and balance change evenly.
 
 Source: Garone, Di Cairano and Kolmanovsky, "Reference and command governors for systems with constraints", Automatica
 75, 2017, with the stop in place of the predicted response.
@@ -54,8 +54,8 @@ class CommandGovernor:
         return None
 
     def _beside_walk(self, stop: StopPath, rows: FloatArray) -> tuple[Iterator[tuple[float, float]], StopPath]:
-        """Shares of the joints beside walking legs, and the path at share 0; none if the legs of the last stop, rows
-        (k, n), differ."""
+        """Shares of the joints beside walking legs, and the path at share 0. Without the legs of the last stop, rows
+        (k, n), none."""
         legs = self._carrying[self._dofs]
         count = min(len(rows), len(stop.postures))
         desired = self._standing.joints(stop.postures)
@@ -80,7 +80,6 @@ class CommandGovernor:
             yield legs, 0.0
 
     def _kept(self, stop: StopPath, instead: StopPath) -> float:
-        """Largest share of the legs that keeps soles and balance."""
         bounds = self._standing.bounds(instead)
         lost, none = self._standing.losses(stop), self._standing.losses(self._blend(instead, stop, 0.0, 1.0))
         share = 1.0

@@ -1,7 +1,7 @@
 """Fall detection of a robot on its soles, by IMU and encoders.
 
-The lowest sole carries. Its first orientation on the floor gives the slope, from which its tilt is measured. A robot
-that turns about an edge of its soles is an inverted pendulum, and falls once its capture point is beyond that edge:
+The lowest sole carries; its first orientation gives the slope of the floor. A robot that turns about an edge of its
+soles is an inverted pendulum, and falls once its capture point is beyond that edge:
 
     x + v / sqrt(g / h) > edge      x, h: place and height of the centre of mass, v: its velocity about the edge
 
@@ -48,10 +48,8 @@ FALL = "the robot falls: its soles tip by {:.0f} degrees, and it cannot catch it
 
 
 class _Seen(NamedTuple):
-    """The body by its encoders, along the axes of a root that does not turn.
-
-    points (c + k, 3): corners of all soles, then their links, m. turns (1 + k, 4): the IMU's link, the soles' links.
-    """
+    """The body by its encoders, in axes of a root that does not turn. points (c + k, 3): corners of all soles, then
+    their links, m. turns (1 + k, 4): the IMU's link, the soles' links."""
 
     points: FloatArray
     turns: FloatArray

@@ -5,7 +5,7 @@ virtual human the performer's. `stand` is fixed to the mount of a fixed or suspe
 soles at the start. Time 0 is the beginning of the clip; before it, obstacles rest. SI units.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from math import sqrt
@@ -164,12 +164,12 @@ def unit(quat: Quat) -> Quat:
     return (w / norm, x / norm, y / norm, z / norm)
 
 
-def check_obstacles(obstacles: Mapping[str, Obstacle], document: Document) -> list[Problem]:
+def _check(scene: "Scene", document: Document) -> list[Problem]:
     """All problems of the obstacles that are valid by themselves."""
     problems = []
     if document.data.get("obstacles") == {}:
         problems.append(document.problem(("obstacles",), "a scene without obstacles", allowed="one obstacle at least"))
-    for name, obstacle in obstacles.items():
+    for name, obstacle in scene.obstacles.items():
         for check in (_distances, _length, _motion, _path):
             problems += check(obstacle, document, ("obstacles", name))
     return problems
@@ -282,8 +282,7 @@ class Scene(Schema):
 
 def load_scene(name_or_path: str | Path) -> Scene:
     """A scene by name or path. Raises UsageError, ConfigError with all its problems."""
-    document = read_as(Kind.SCENE, name_or_path)
-    return validated(Scene, document, check=lambda scene, document: check_obstacles(scene.obstacles, document))
+    return validated(Scene, read_as(Kind.SCENE, name_or_path), check=_check)
 
 
 def on_floor(scene: Scene | None) -> Scene:

@@ -55,8 +55,7 @@ def read_calibration(profile: RobotProfile, path: Path | None = None) -> ServoCa
     path = calibration_path(profile.name) if path is None else path
     if not os.path.lexists(path):
         return None
-    calibration, _ = read_model(ServoCalibration, path, check=lambda read, document: _problems(profile, read, document))
-    return calibration
+    return read_model(ServoCalibration, path, check=lambda read, document: _problems(profile, read, document))
 
 
 def calibrated(specs: Sequence[ServoSpec], calibration: ServoCalibration) -> tuple[ServoSpec, ...]:

@@ -37,15 +37,6 @@ _BOUNDS = {
 """Errors of length and form: problem, and allowed values."""
 
 
-def in_our_words(model: type[BaseModel], error: ValidationError, document: Document) -> list[Problem]:
-    """The errors of `model` in `document`, at most MAX_PROBLEMS of them."""
-    details = error.errors(include_url=False, include_input=False)[:MAX_PROBLEMS]
-    inside = {detail["loc"][:end] for detail in details for end in range(len(detail["loc"]))}
-    # A list whose entries are all wrong is also reported as too short, which adds nothing.
-    useful = [detail for detail in details if not (detail["type"] == "too_short" and detail["loc"] in inside)]
-    return [_problem(model, detail, document) for detail in useful]
-
-
 def unknown_name(document: Document, key_path: KeyPath, kind: str, name: str, known: Iterable[str]) -> Problem:
     """The problem that `name`, at `key_path`, is none of the `known` names of that `kind`."""
     names = tuple(known)
@@ -242,10 +233,9 @@ Quaternion = Annotated[tuple[Number, Number, Number, Number], AfterValidator(_un
 """Rotation as w x y z."""
 
 
-def read_model(model: type[M], path: Path, *, check: Check[M] | None = None) -> tuple[M, Document]:
+def read_model(model: type[M], path: Path, *, check: Check[M] | None = None) -> M:
     """Read a YAML file as `model`. Raises ConfigError with all problems of the file, those of `check` included."""
-    document = scan(read_text(path), path)
-    return validated(model, document, check=check), document
+    return validated(model, scan(read_text(path), path), check=check)
 
 
 def validated(model: type[M], document: Document, *, check: Check[M] | None = None) -> M:
@@ -256,7 +246,12 @@ def validated(model: type[M], document: Document, *, check: Check[M] | None = No
     except ValidationError as error:
         read = _valid_part(model, document.data)
         reported = {problem.where for problem in problems}
-        found = [*in_our_words(model, error, document), *_renamed_inside(document.data, (), document)]
+        details = error.errors(include_url=False, include_input=False)[:MAX_PROBLEMS]
+        inside = {detail["loc"][:end] for detail in details for end in range(len(detail["loc"]))}
+        # A list whose entries are all wrong is also reported as too short, which adds nothing.
+        useful = [detail for detail in details if not (detail["type"] == "too_short" and detail["loc"] in inside)]
+        found = [_problem(model, detail, document) for detail in useful]
+        found += _renamed_inside(document.data, (), document)
         problems += [problem for problem in found if problem.where not in reported]
     if check is not None:
         problems += check(read, document)

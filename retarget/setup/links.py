@@ -53,7 +53,7 @@ def read_links(path: Path, tree: Tree) -> PartLinks:
     def check(links: PartLinks, document: Document) -> list[Problem]:
         return [unknown_name(document, (part,), "link", link, tree.links) for part, link in _unknown(links, tree)]
 
-    return read_model(PartLinks, path, check=check)[0]
+    return read_model(PartLinks, path, check=check)
 
 
 def _unknown(given: PartLinks, tree: Tree) -> list[tuple[str, str]]:
