@@ -1,11 +1,10 @@
 """Motion of the SMPL family without its body model (AMASS, and reconstructions from video).
 
 The files hold rotations of joints, but no bone lengths. In the zero pose (a T-pose, x left, y up, z forward) the frames
-of all joints are parallel, so orientations need no lengths. The pelvis is the translation plus a constant of the body.
-Lengths come from the recorded markers if the file has them, else from the stature with the proportions of Drillis and
-Contini (1966): positions are right to some centimetres, orientations exactly. Shape (`betas`) is not read: statures
-from it were wrong by 0.2 m. AMASS is z up; files in SMPL's own words (`transl`), such as those of GVHMR and WHAM, are y
-up.
+of all joints are parallel, so orientations need no lengths. Lengths come from the recorded markers if the file has
+them, else from the stature with the proportions of Drillis and Contini (1966), and are right to some centimetres. Shape
+(`betas`) is not read: statures from it were wrong by 0.2 m. AMASS is z up; files in SMPL's own words (`transl`), such
+as those of GVHMR and WHAM, are y up.
 """
 
 from collections.abc import Collection, Mapping
@@ -39,7 +38,7 @@ WIDTHS = (3 * BODY_JOINTS, 72, 156, 165)
 PELVIS = np.array([0.0, -0.22, 0.03])
 """Offset from the translation to the pelvis, m, in file axes: measured on waist markers of two recordings to 0.05 m."""
 HEAD_JOINT = 0.63
-"""Position of SMPL's head joint, below the skull, as a share of the line from neck to middle of the head."""
+"""SMPL's head joint, below the skull, as a share of the line from neck to middle of the head."""
 
 ROTATIONS: tuple[tuple[str, str], ...] = (("root_orient", "pose_body"), ("global_orient", "body_pose"))
 """Arrays of root and body rotations in AMASS's second layout and in SMPL's own words."""
@@ -51,7 +50,7 @@ KEYS = frozenset(("poses", *TRANSLATIONS, *RATES, *MARKERS, *(name for pair in R
 
 
 def is_smpl(names: Collection[str]) -> bool:
-    """True if arrays of these names are a motion of the SMPL family."""
+    """True if these arrays are a motion of the SMPL family."""
     posed = "poses" in names or any(set(pair) <= set(names) for pair in ROTATIONS)
     return posed and not set(TRANSLATIONS).isdisjoint(names)
 
@@ -135,11 +134,10 @@ def _rate(file: ArrayFile) -> float:
 
 
 SEGMENTS: Mapping[str, str] = MappingProxyType({"ankle": "knee", "wrist": "elbow"})
-"""End -> start of the segments with markers at both ends: shank and forearm."""
+"""Ends -> starts of the segments with markers at both ends."""
 
 
 def _dimensions(file: ArrayFile, *, unit: float, stature: float | None) -> tuple[HumanDimensions, tuple[str, ...]]:
-    """The performer's size, and a note on its source."""
     measured = _measured(file, unit=unit)
     usual = proportional_dimensions(TYPICAL_HEIGHT_M)
     if measured:

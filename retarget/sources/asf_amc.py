@@ -43,9 +43,9 @@ _Line = tuple[str, list[str]]
 class AsfSkeleton:
     """A skeleton in file axes and units.
 
-    tree: joint i is the start of bone i, joint 0 the root. dof (n): channels of each bone's AMC line, in order: "rx"
-    "ry" "rz", for the root also "tx" "ty" "tz". frames (n, 4): orientation C of the axes about which a bone turns.
-    length_unit: `length` in :units. degrees: True if angles are in degrees.
+    tree: joint i is the start of bone i, joint 0 the root. dof (n): channels of each bone's AMC line, in order ("rx",
+    for the root also "tx"). frames (n, 4): orientation C of the axes about which a bone turns. length_unit: `length` in
+    :units.
     """
 
     tree: JointTree
@@ -111,7 +111,7 @@ def read_asf(path: Path) -> AsfSkeleton:
 
 
 def _sections(path: Path) -> tuple[dict[str, list[_Line]], str]:
-    """Lines with content by section (`:name`, in lower case), and the end of the file for messages."""
+    """Lines with content by section (`:name`, in lower case), and the end of the file."""
     sections: dict[str, list[_Line]] = {}
     section, lines = "", read_lines(path)
     for number, line in enumerate(lines, start=1):
@@ -132,7 +132,6 @@ def _keyed(lines: list[_Line]) -> dict[str, _Line]:
 
 
 def _bones(lines: list[_Line], last: str, *, degrees: bool) -> dict[str, _Bone]:
-    """Bones by name, each between `begin` and `end`. last: the end of the file."""
     bones: dict[str, _Bone] = {}
     content: list[_Line] | None = None
     began = ""
@@ -192,7 +191,6 @@ def _frame(keyed: dict[str, _Line], key: str, *, degrees: bool) -> FloatArray:
 
 
 def _children(lines: list[_Line], bones: dict[str, _Bone]) -> dict[str, list[str]]:
-    """Names of the bones at the end of each bone."""
     children: dict[str, list[str]] = {}
     placed = {ROOT}
     for where, words in lines:
@@ -276,8 +274,7 @@ def read_values(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[FloatAr
     """Values (T, d) of all channels as in the file, in the order of the skeleton's bones, and True if angles are in
     degrees.
 
-    A frame is a line with its number, then one line for each bone, in any order. Comments and words with ':' come
-    before the first one. Raises InputError with file and line.
+    A frame is a line with its number, then one line for each bone, in any order. Raises InputError with file and line.
     """
     degrees = asf.degrees
     for start, line in enumerate(lines):
@@ -323,7 +320,7 @@ def read_values(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[FloatAr
 
 
 def _filled(lines: list[str], start: int) -> Iterator[tuple[int, list[str]]]:
-    """Number and words of each line with content from index `start` on; at the end, a line without words."""
+    """Number and words of each line with content from `start` on; at the end, a line without words."""
     for at in range(start, len(lines)):
         words = lines[at].partition("#")[0].split()
         if words:
@@ -332,7 +329,6 @@ def _filled(lines: list[str], start: int) -> Iterator[tuple[int, list[str]]]:
 
 
 def _wrong_bone(words: list[str], dof: dict[str, tuple[str, ...]], asf: Path, where: str) -> InputError:
-    """The error for a line that does not belong to this frame."""
     name = words[0]
     if name not in dof:
         allowed, step = f"a bone of {asf.name}", suggest(name, dof)
@@ -352,7 +348,6 @@ def _wrong_bone(words: list[str], dof: dict[str, tuple[str, ...]], asf: Path, wh
 def _assembled(
     row: dict[str, tuple[int, list[str]]], number: int, dof: dict[str, tuple[str, ...]], where: str, lines: list[str]
 ) -> list[float]:
-    """All values of a frame in the order of the skeleton."""
     needed = [name for name, channels in dof.items() if channels]
     lacking = [name for name in needed if name not in row]
     if not lacking:

@@ -1,7 +1,6 @@
 """World axes of a motion file, decided by the recorded body: the up axis, and whether left and right are mirrored.
 
-A declared axis (a rest pose, the Y_SCREEN of a C3D) is often wrong. People mostly stand on the ground, their knees bend
-forward and their toes point forward.
+A declared axis is often wrong, but people mostly stand on the ground, and their knees and toes point forward.
 """
 
 from collections.abc import Mapping
@@ -22,20 +21,20 @@ UP_AXES: Mapping[str, FloatArray] = {
 UPRIGHT = 0.7
 """Least mean cosine between the line from ankles to head and the axis along which a body stands: 45 degrees."""
 NEAR_GROUND = 0.3
-"""Greatest height of the ankles of a standing body above the plane through the origin, as a share of the distance from
-ankles to head. A box to stand on is no higher than a knee."""
+"""Greatest height of a standing body's ankles above the plane through the origin, as a share of the distance from
+ankles to head: a box to stand on is no higher than a knee."""
 ON_FLOOR = (-0.03, 0.15)
-"""Height of the lowest of head, hips and ankles of a body on the floor, as a share of the same distance: from a few
-centimetres below it (calibration errors) to a hand's breadth above it (ankles on heels, hips in flesh)."""
+"""Height of the lowest of head, hips and ankles of a body on the floor, in the same share: a little below it for
+calibration errors, above it for ankles on heels and hips in flesh."""
 OFTEN = 0.9
 """Share of frames in which a body is on its floor: jumps last parts of a second."""
 
 TOES_ALIGNED = 0.3
-"""Least mean cosine between feet and the forward direction that shows it: feet turn out by up to 60 degrees (0.5), less
-what side steps take."""
+"""Least mean cosine between feet and forward that shows it: feet turn out by up to 60 degrees (0.5), and more in side
+steps."""
 KNEES_FORWARD, KNEES_BACK = 0.02, -0.07
-"""Mean distance of a knee in front of the line from hip to ankle, as a share of its length: above the first forward is
-right, below the second it is reversed. Healthy knees overstretch by up to 10 degrees (-0.04)."""
+"""Mean bend of a knee to the front, as a share of the leg, above which forward is right, and below which it is
+reversed. Healthy knees overstretch by up to 10 degrees (-0.04)."""
 
 
 def named_axis(name: str) -> FloatArray:
@@ -53,8 +52,8 @@ def axis_name(axis: FloatArray) -> str:
 
 
 def axes_with_up(up: FloatArray) -> FloatArray:
-    """World axes (3, 3) in file axes, as rows forward, left, up (3,). The cyclic order is kept: with y up, z is forward
-    and x left."""
+    """World axes (3, 3) in file axes, as rows forward, left, up (3,), in cyclic order: with y up, z is forward and x
+    left."""
     assert any(np.array_equal(up, axis) for axis in UP_AXES.values()), "up is a signed axis of the file"
     axis = int(np.argmax(np.abs(up)))
     first, second = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
@@ -73,9 +72,9 @@ def world_axes(
 
     `position @ axes.T` is the recording in the world; the determinant is -1 if the file is mirrored.
 
-    tracks: canonical joints or sensors (T, 3) in file axes, NaN where lost; it uses head, hips, knees, ankles, toes.
-    declared (3,): the up axis of the file, None if it states none. declared_by: its source, for notes. default (3,):
-    the up axis if neither file nor body shows it. chosen (3,): the user's, which overrules all.
+    tracks: canonical joints or sensors (T, 3) in file axes, NaN where lost. declared (3,): the up axis of the file,
+    None if not stated. declared_by: its source, for notes. default (3,): the up axis if neither file nor body shows it.
+    chosen (3,): the user's up axis.
     """
     stands = _standing_axis(tracks)
     notes: tuple[str, ...] = ()
@@ -117,7 +116,7 @@ def world_axes(
 
 
 def _standing_axis(tracks: Mapping[str, FloatArray]) -> FloatArray | None:
-    """The signed axis along which the head is above the ankles on average; None if no axis is clear."""
+    """The signed axis along which the head is above the ankles on average; None if unclear."""
     high, low = _middle(tracks, "head"), _middle(tracks, "ankle")
     if high is None or low is None:
         return None
@@ -132,7 +131,7 @@ def _standing_axis(tracks: Mapping[str, FloatArray]) -> FloatArray | None:
 
 
 def _on_floor(tracks: Mapping[str, FloatArray], up: FloatArray) -> bool:
-    """True if the body is on the floor through the origin in nearly all frames, with this up axis."""
+    """True if the body is on the floor through the origin in nearly all frames."""
     heights = _heights(tracks, ("head", "hip", "ankle"), up)
     lowest = np.fmin.reduce(heights, axis=1)
     lowest = lowest[np.isfinite(lowest)]
@@ -150,7 +149,7 @@ def _heights(tracks: Mapping[str, FloatArray], parts: tuple[str, ...], up: Float
 
 
 def _middle(tracks: Mapping[str, FloatArray], part: str) -> FloatArray | None:
-    """Track (T, 3) of a part, half way between left and right; None if it is missing."""
+    """Track (T, 3) of a part, half way between left and right."""
     if part in tracks:
         return tracks[part]
     if f"l_{part}" in tracks and f"r_{part}" in tracks:
@@ -159,8 +158,8 @@ def _middle(tracks: Mapping[str, FloatArray], part: str) -> FloatArray | None:
 
 
 def forward_sign(tracks: Mapping[str, FloatArray]) -> float:
-    """1 if feet and knees point to the front that left and right give, -1 if they point backwards (a mirrored file), 0
-    if neither shows it or they disagree. tracks: as for `world_axes`."""
+    """1 if feet and knees point to the front that left and right give, -1 if backwards (a mirrored file), 0 if unclear.
+    tracks: as for `world_axes`."""
     across = None
     for part in ("hip", "shoulder", "ankle"):
         if across is None and f"l_{part}" in tracks and f"r_{part}" in tracks:
@@ -179,8 +178,8 @@ def forward_sign(tracks: Mapping[str, FloatArray]) -> float:
 
 
 def _pointing(tracks: Mapping[str, FloatArray], side: str, part: str, across: FloatArray) -> FloatArray:
-    """Share (T,) by which a toe (cosine) or a knee (bend as a share of the leg) points to the front that `across` (T,
-    3), from right to left, gives; empty if the leg is not known."""
+    """Share (T,) by which a toe (cosine) or a knee (bend per leg length) points to the front that `across` (T, 3), from
+    right to left, gives; empty for an unknown leg."""
     needed = [f"{side}_{name}" for name in (("knee", "ankle", "toe") if part == "toe" else ("hip", "knee", "ankle"))]
     if not set(needed) <= set(tracks):
         return np.zeros(0)

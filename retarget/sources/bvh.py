@@ -47,7 +47,7 @@ _CHANNELS: dict[str, Channel] = {
 
 @dataclass(eq=False)
 class _Joint:
-    """A joint, or an End Site (no name). parent: index, -1 for a root. where: file and line."""
+    """A joint, or an End Site (no name). parent: index, -1 for a root."""
 
     name: str
     parent: int
@@ -107,7 +107,6 @@ def _read_hierarchy(lines: list[str], path: Path) -> tuple[list[_Joint], int]:
 
 
 def _parts(lines: list[str]) -> Iterator[tuple[int, str]]:
-    """Braces and statements, each with its line number."""
     for number, line in enumerate(lines, start=1):
         for part in re.split(r"([{}])", line):
             if part.strip():
@@ -214,7 +213,7 @@ def read_motion(path: Path, *, root: str | None = None, rate: float | None = Non
 
 
 def _below_root(joints: list[_Joint], root: str | None) -> list[int]:
-    """Indices of a ROOT and the joints below it. Raises UsageError for an unknown name, InputError if one is needed."""
+    """Indices of a ROOT and the joints below it. Raises UsageError or InputError."""
     roots: dict[str, int] = {}
     for index, joint in enumerate(joints):
         if joint.parent < 0:

@@ -78,11 +78,11 @@ class C3dFile:
     notes: tuple[str, ...] = ()
 
     def numbers(self, key: str) -> list[float]:
-        """Values of a parameter, none if it is missing."""
+        """Values of a parameter."""
         return self.parameters[key].numbers() if key in self.parameters else []
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """Texts of a parameter, none if it is missing."""
+        """Texts of a parameter."""
         return self.parameters[key].texts() if key in self.parameters else ()
 
 
@@ -144,8 +144,8 @@ _OF_THE_HEADER = ("POINT:USED", "POINT:SCALE", "POINT:RATE", "POINT:DATA_START")
 
 
 def _parameters(content: bytes, at: int, processor: int) -> dict[str, C3dParameter]:
-    """Parameters by GROUP:NAME, as far as they can be read; groups may come after their parameters. The data of one end
-    where the next record begins, so all together are no longer than the file."""
+    """Parameters by GROUP:NAME, as far as they can be read. The data of one end where the next begins, so all are no
+    longer than the file."""
     offset = Struct(f"{_order(processor)}H")
     groups: dict[int, str] = {}
     found: list[tuple[int, str, C3dParameter]] = []
@@ -193,11 +193,10 @@ def _points(file: C3dFile, columns: list[int], *, path: Path) -> tuple[FloatArra
 
 
 def _frame_count(file: C3dFile, held: int, frame_bytes: int, where: str) -> tuple[int, tuple[str, ...]]:
-    """Frames of the recording, and a note. held: frames that the bytes of the file make, padding of its last block
-    included.
+    """Frames of the recording, and a note. held: frames in the bytes of the file, with the padding of its last block.
 
     Header, TRIAL and POINT declare the count in 16 bits, which wrap or saturate, in two words of 16 bits, or as a
-    float. The largest count that fills the file is used; if none does, the file may hold a few more or fewer than the
+    float. The largest count that fills the file is used, else the file may hold a few frames more or fewer than the
     largest.
     """
     ends = [file.numbers(f"TRIAL:ACTUAL_{end}_FIELD") for end in ("START", "END")]
@@ -223,8 +222,8 @@ def _frame_count(file: C3dFile, held: int, frame_bytes: int, where: str) -> tupl
 
 
 def read_c3d(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
-    """Read the sensors that the markers of a file allow. Raises InputError if it is damaged or has no known marker,
-    ConfigError for the marker table."""
+    """Read the sensors that the markers allow. Raises InputError for damage or unknown markers, ConfigError for the
+    marker table."""
     file = read_c3d_file(path)
     recording = MarkerRecording(
         labels=_labels(file, path),
@@ -240,7 +239,7 @@ def read_c3d(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
 
 
 def _labels(file: C3dFile, path: Path) -> tuple[str, ...]:
-    """Labels of the points, continued beyond 255 in LABELS2, LABELS3, ...; the number of a point without one."""
+    """Labels of the points, continued in LABELS2, LABELS3, ...; the number of a point without one."""
     if file.points < 1:
         step = "Export the recording with its labelled 3D markers (trajectories)"
         raise InputError("the file holds no markers", where=str(path), found=f"{file.points} points", next_step=step)

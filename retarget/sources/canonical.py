@@ -44,7 +44,7 @@ def named_unit(name: str | None) -> float | None:
 
 def choose_unit(body_height: float | None, *, where: str) -> tuple[float, str]:
     """Metres of the unit that makes this body height (file units) most human, and a note. Raises InputError if none
-    makes it a human's."""
+    does."""
     if body_height is None or not 0.0 < body_height < math.inf:
         raise InputError("the skeleton has no height", where=where, next_step="Export it with the lengths of its bones")
     name = min(UNITS, key=lambda unit: abs(log(body_height * UNITS[unit] / TYPICAL_HEIGHT_M)))
@@ -169,9 +169,9 @@ _TRUNK = (
 
 
 def _hanging(names: tuple[str, ...], position: FloatArray, source: str) -> Skeleton:
-    """The joints at rest: the trunk of the frame that is most upright above hanging arms, and limbs of median lengths
-    in average directions. position (T, m, 3): z up, NaN where lost. Raises InputError if the trunk is never whole, or a
-    bone never seen."""
+    """The joints at rest: the trunk of the frame that is most upright, and limbs of median lengths in average
+    directions. position (T, m, 3): z up, NaN where lost. Raises InputError if the trunk is never whole, or a bone never
+    seen."""
     at = {name: position[:, column] for column, name in enumerate(names)}
     middle, up = 0.5 * (at["l_hip"] + at["r_hip"]), np.array([0.0, 0.0, 1.0])
     upright = [at["head"] - middle, *(at[f"{s}_shoulder"] - at[f"{s}_elbow"] for s in "lr")]

@@ -1,4 +1,4 @@
-"""Motion files as bytes, lines and numbers: the checks that come before a parser, and those that all formats share."""
+"""Motion files as bytes, lines and numbers, and the checks that all formats share."""
 
 import math
 import re
@@ -19,16 +19,15 @@ MAX_FRAMES = 200_000
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
 """Rates of a recording, Hz. No motion capture has another one, so anything else is a wrong unit."""
 MAX_VALUE = 1e9
-"""Largest magnitude of a number. A larger one is no coordinate or angle, and its square could overflow later."""
+"""Largest magnitude of a number: no coordinate or angle is larger, and its square stays finite."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadOptions:
-    """Options of the user for one motion file; None where none was given.
+    """Options of the user for one motion file; None if not given.
 
-    unit: of length, a name of `UNITS`. rate: frames per second. stature: of the performer, m; it scales a body with
-    joints, and sizes one without bone lengths. up (3,): the file's up axis. skeleton: the ASF of an AMC. markers: the
-    user's marker table. performer_root: the ROOT to read in a BVH with several.
+    unit: of length, a name of `UNITS`. rate: Hz. stature: of the performer, m; it scales a body. up (3,): the file's up
+    axis. skeleton: the ASF of an AMC. markers: the user's marker table. performer_root: the ROOT to read of a BVH.
     """
 
     unit: str | None = None
@@ -122,8 +121,7 @@ def _number(token: str, where: str) -> float:
 
 
 def cut_short(error: InputError, rest: Sequence[str]) -> InputError:
-    """The error of a line; for the last line with content, the next step says that the file seems cut short. rest: the
-    lines after it."""
+    """The error of a line; if no content follows in `rest`, the next step says that the file seems cut short."""
     if any(line.partition("#")[0].strip() for line in rest):
         return error
     step = "The file ends here and seems cut short: get it again"
@@ -131,12 +129,12 @@ def cut_short(error: InputError, rest: Sequence[str]) -> InputError:
 
 
 COUNT_SHARE = 0.01
-"""A file may hold this share of frames (at least one frame) fewer or more than it declares: common exporters count one
-too few."""
+"""Share of the declared frames, and at least one frame, by which a file may differ: common exporters count one too
+few."""
 
 
 def frames_held(held: int, declared: int, where: str) -> tuple[str, ...]:
-    """A note if a file holds a few frames more or fewer than it declares. Raises InputError for more than a few."""
+    """A note if a file holds a few frames more or fewer than it declares. Raises InputError for more."""
     if held == declared:
         return ()
     if abs(held - declared) <= max(1, int(COUNT_SHARE * declared)):
@@ -158,7 +156,7 @@ def lost_notes(names: Sequence[str], valid: BoolArray) -> tuple[str, ...]:
 
 
 def no_frame_rate(where: str, *, allowed: str = "") -> InputError:
-    """The error for a file without a frame rate, where the user gave none. allowed: names of the field."""
+    """The error for a file without a frame rate. allowed: names of the field."""
     step = "Say the frames per second with --rate"
     return InputError("no frame rate in the file", where=where, allowed=allowed, next_step=step)
 

@@ -161,7 +161,6 @@ class _File:
 
 
 def _opened(path: Path) -> _File:
-    """Read and check the document. Raises InputError."""
     content, binary = read_bytes(path), b""
     if content[:4] == MAGIC:
         content, binary = _chunks(content, path)
@@ -187,7 +186,6 @@ def _opened(path: Path) -> _File:
 
 
 def _chunks(content: bytes, path: Path) -> tuple[bytes, bytes]:
-    """The JSON and the binary chunk of a container."""
     at, found = _HEADER.size, dict[int, bytes]()
     version = int.from_bytes(content[4:8], "little")
     while at + _CHUNK.size <= len(content):
@@ -356,7 +354,6 @@ class _Track:
 
 
 def _tracks(file: _File, animation: _Animation, number: int) -> dict[tuple[int, str], _Track]:
-    """The channels of an animation that move nodes, by node and path. Raises InputError."""
     found = dict[tuple[int, str], _Track]()
     for at, channel in enumerate(animation.channels):
         part = f"animations.{number}.channels.{at}"

@@ -60,8 +60,8 @@ def read_marker_table(path: Path) -> Groups:
 
 
 def split_label(label: str, known: Set[str]) -> tuple[str, str] | None:
-    """Subject ("" for none) and known marker of a label: the longest known end after a sign that is no letter and no
-    digit, as in `Anna:LFHD` and `Anna_LFHD`. None if no end is known."""
+    """Subject ("" for none) and known marker of a label: its longest known end after a sign, as in `Anna:LFHD` and
+    `Anna_LFHD`; None if none is known."""
     upper = label.upper()
     for start in [0, *(match.end() for match in re.finditer(r"[\W_]", upper))]:
         if upper[start:] in known:
@@ -86,8 +86,8 @@ class MarkerRecording:
     """Markers of a file, in its axes and its unit.
 
     labels (n): of all markers. points: columns -> positions (T, m, 3), NaN where lost, where they were seen (T, m), and
-    notes. units: names of the unit of length, none if not stated. up (3,): the up axis by `up_by`, None if not stated.
-    default_up (3,): the usual one of the format. notes: for the user.
+    notes. units: names of the unit of length. up (3,): the up axis by `up_by`, None if not stated. default_up (3,): the
+    usual one of the format.
     """
 
     labels: tuple[str, ...]
@@ -159,7 +159,6 @@ def _shown(labels: Iterable[str]) -> str:
 
 
 def _refuse_missing(groups: Groups, columns: Mapping[str, int], labels: tuple[str, ...], table: Path) -> None:
-    """Raise InputError for labels of the user's table that the file lacks."""
     own = {sensor: group for sensor, (group, *_) in groups.items() if groups[sensor] is not MARKER_GROUPS.get(sensor)}
     problems = [
         Problem(
@@ -177,7 +176,7 @@ def _refuse_missing(groups: Groups, columns: Mapping[str, int], labels: tuple[st
 
 
 def _one_subject(labels: tuple[str, ...], groups: Groups) -> tuple[dict[str, int], tuple[str, ...]]:
-    """Marker name -> column, of the subject with the most sensors, and a note if there are more subjects."""
+    """Marker name -> column, of the subject with the most sensors, and a note if there are more."""
     known = frozenset(name for options in groups.values() for group in options for name in group)
     subjects: dict[str, dict[str, int]] = {"": {}}
     for column, label in enumerate(labels):
@@ -224,8 +223,8 @@ def _metres(texts: tuple[str, ...], unit: str | None, path: Path) -> tuple[float
 
 
 def _lose_far(position: FloatArray, seen: BoolArray, path: Path, unit: str) -> tuple[str, ...]:
-    """Mark markers (T, m, 3), m, that are far from the others as lost, in place, and return a note. Raises InputError
-    if their distances fit no human body."""
+    """Mark markers (T, m, 3), m, far from the others as lost, in place, with a note. Raises InputError if they fit no
+    human body."""
     with np.errstate(invalid="ignore"):
         filled = np.where(seen[..., None], position, np.nan)
         rows = np.flatnonzero(seen.any(axis=1))

@@ -40,8 +40,8 @@ TOP_OF_HEAD = "pTopOfHead"
 
 @dataclass(eq=False)
 class _Subject:
-    """A subject. labels (n): of all segments. rows: positions (3 n,) and quaternions (4 n,) of each frame. top (3,): of
-    the head, in its segment's frame; zero if missing. others: number of further subjects."""
+    """labels (n): of all segments. rows: positions (3 n,) and quaternions (4 n,) of each frame. top (3,): of the head,
+    in its segment's frame; zero if missing."""
 
     rate: str = ""
     labels: list[str] = field(default_factory=list)
@@ -90,7 +90,6 @@ def read_mvnx(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
 
 
 def _parsed(path: Path) -> _Subject:
-    """The first subject of a file. Raises InputError."""
     content = read_bytes(path)
     step = "Get the file again, or export it as MVNX from MVN"
     if b"\0" in content:  # UTF-16, which would pass the next check
@@ -131,7 +130,6 @@ def _parsed(path: Path) -> _Subject:
 
 
 def _take(subject: _Subject, tag: str, element: Element, path: Path) -> None:
-    """Take a segment or a frame of the subject that has ended."""
     if tag == "segment":
         if subject.rows:
             raise InputError(
@@ -166,7 +164,6 @@ def _take(subject: _Subject, tag: str, element: Element, path: Path) -> None:
 
 
 def _numbers(element: Element, count: int, where: str) -> FloatArray:
-    """Numbers (count,) of an element. Raises InputError."""
     words = (element.text or "").split()
     if len(words) != count:
         tag = element.tag.rpartition("}")[2]

@@ -88,7 +88,6 @@ def read_npz(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
 
 
 def _keys_to_read(names: Collection[str], path: Path) -> Collection[str]:
-    """The arrays that are read of a layout. Raises InputError for arrays of none."""
     if is_smpl(names):
         return KEYS
     if JOINTS_KEY in names:
@@ -115,8 +114,7 @@ def _positions(file: ArrayFile, key: str, *, lost: bool = False) -> FloatArray:
 
 
 def _read_joints(file: ArrayFile, options: ReadOptions) -> SensorFrames:
-    """Joints by their names, else in SMPL's order, z up, NaN where lost; the file may hold the performer's height and
-    its rate."""
+    """Joints by name, else in SMPL's order, z up, NaN where lost."""
     position = _positions(file, JOINTS_KEY, lost=True)
     tracks = _tracks(file, position)
     rate = options.rate
@@ -151,7 +149,7 @@ def _read_joints(file: ArrayFile, options: ReadOptions) -> SensorFrames:
 
 def _tracks(file: ArrayFile, position: FloatArray) -> dict[str, FloatArray]:
     """Canonical joints (T, 3) of positions (T, J, 3), by the names in the file, else in SMPL's order. Raises InputError
-    for unknown names or numbers of joints, and for joints in another order."""
+    for others."""
     count = position.shape[1]
     if "joint_names" in file:
         names = tuple(file.texts("joint_names", count).tolist())

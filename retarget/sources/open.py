@@ -67,10 +67,9 @@ def open_source(
     """Read a motion file of any known format, or the recording in the package.
 
     path: the text SAMPLE is the recording in the package (a file of that name is `./sample`). skeleton: the ASF of an
-    AMC, if it is not beside it. markers: the user's table of the markers of a C3D or TRC. unit: m, cm, mm, inch or cmu,
-    if the file does not state it. rate: frames per second instead of the file's. stature: of the performer, m; it
-    scales a body with joints. up: the file's up axis (x, -y, ...). performer_root: the ROOT of a BVH with several
-    performers.
+    AMC, if it is not beside it. markers: the user's table of the markers of a C3D or TRC. unit: m, cm, mm, inch or cmu.
+    rate: Hz. stature: of the performer, m; it scales a body. up: the file's up axis (x, -y, ...). performer_root: the
+    ROOT of a BVH with several performers.
 
     Raises InputError with file, line and next step, ConfigError for the marker table, and UsageError for impossible
     values and for options of another format.
@@ -109,8 +108,7 @@ def refuse_values(
     skeleton: str | Path | None = None,
     markers: str | Path | None = None,
 ) -> None:
-    """Raise UsageError or InputError for values that no file can take: an impossible stature, two scales, an unknown
-    unit, rate or axis, and missing files."""
+    """Raise UsageError or InputError for values that no file can take."""
     low, high = STATURE_M
     named_unit(unit)
     if rate is not None:
@@ -128,7 +126,7 @@ def refuse_values(
 
 
 def _refuse_live(address: str) -> None:
-    """Raise InputError for the address of a stream. In a `Path` it has lost one of its two slashes."""
+    """Raise InputError for the address of a stream, which in a `Path` has lost a slash."""
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", address) and not Path(address).exists():
         raise InputError(
             "a live stream is no motion file",

@@ -1,12 +1,10 @@
 """The rest skeleton of a joint tree in motion: its canonical joints, and the pose in which it stands.
 
-The pose with all rotations zero is used if it is a standing body along an axis of the file. In many files it is not;
-then the frame that stands most upright, with straight limbs, takes its place. Bones are rigid, so lengths are exact
-either way.
+The pose with all rotations zero is used if it is a standing body along an axis of the file, else the frame that stands
+most upright, with straight limbs. Bones are rigid, so lengths are exact either way.
 
 Joints that names do not give come from the tree: the pelvis is where legs and head part, the chest where neck and arms
-part, the spine half way between them, the head's centre half way between its joint and its top, and the toe the end of
-the foot.
+part, the spine half way between them, and the toe the end of the foot.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,11 +33,10 @@ from retarget.sources.skeletons import (
 from retarget.types import FloatArray
 
 SAME_LENGTH = (0.7, 1.4)
-"""Bounds of the ratio of a length in the frames to that at rest: raised or rounded shoulders stay within them, wrong
-offsets do not."""
+"""Bounds of the ratio of a length in the frames to that at rest: raised or rounded shoulders stay within them."""
 DIFFERENCES = 0.3
-"""Median share of the offsets below which position channels are differences from them: joints give way by a few per
-cent of a bone, absolute positions are about its length."""
+"""Median share of the offsets below which position channels are differences from them: absolute ones are about a bone's
+length."""
 
 
 def true_offsets(
@@ -47,9 +44,8 @@ def true_offsets(
 ) -> tuple[JointTree, FloatArray, tuple[str, ...]]:
     """The tree and the channel values (T, d) with consistent offsets and position channels, and notes on corrections.
 
-    Positions that are differences from the offsets get these added. Offsets that are zero, or of other lengths than the
-    positions in the frames, come from the frames. Positions of the root, and of joints that only carry the body, are no
-    lengths and are ignored.
+    Positions that are differences from the offsets get these added. Offsets that are zero, or unlike the positions in
+    the frames, come from the frames. Positions of joints that only carry the body are ignored.
     """
     starts = np.cumsum([0, *map(len, channels)])
     columns = {
@@ -97,11 +93,11 @@ class CanonicalJoint:
 _ARM = ("shoulder", "elbow", "wrist")
 _LIMBS = (("hip", "knee", "ankle"), _ARM)
 HEAD_RISE = 0.053
-"""Height of the head's centre above its joint, as a share of stature: 0.052 to 0.055 in skeletons with a joint below
-the skull and a top of the head."""
+"""Height of the head's centre above its joint, as a share of stature: 0.052 to 0.055 in skeletons with a top of the
+head."""
 LIMB_SHARE = 0.15
-"""A chain beside the known joints that is longer than this share of the path from head to foot may be a limb: an arm
-has a third of it, bones of face or chest a tenth at most."""
+"""A chain longer than this share of the path from head to foot may be a limb: an arm has a third of it, bones of the
+face a tenth."""
 
 
 def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, CanonicalJoint], tuple[str, ...]]:
@@ -134,7 +130,7 @@ def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, Canonica
 
 
 def _is_body(tree: JointTree, found: Mapping[str, int], *, but: str = "") -> bool:
-    """True if the joints hang on each other as in a body. but: the side whose arm is not checked."""
+    """True if the joints hang on each other as in a body. but: a side whose arm is not checked."""
     trunk = shared_path(tree, [found[name] for name in ("l_hip", "r_hip", "head")])
     if not trunk:
         return False
@@ -148,8 +144,7 @@ def _is_body(tree: JointTree, found: Mapping[str, int], *, but: str = "") -> boo
 
 
 def _armless_side(tree: JointTree, found: Mapping[str, int]) -> str:
-    """The side ("l" or "r") without an arm; "" if the tree is no such body, or has a chain that may be the arm by
-    another name."""
+    """The side without an arm; "" if the tree is no such body, or has a chain that may be the arm by another name."""
     missing = {joint for joint in REQUIRED if joint not in found}
     sides = [side for side in "lr" if missing and missing <= {f"{side}_{part}" for part in _ARM}]
     if not sides or not _is_body(tree, found, but=sides[0]):
@@ -170,7 +165,6 @@ def _arm_of(side: str) -> set[str]:
 
 
 def _no_body(tree: JointTree, missing: Mapping[str, str], *, where: str) -> InputError:
-    """The error for a tree without a body; it names the missing joints if most names are known."""
     if missing and 2 * len(missing) < len(REQUIRED):
         return InputError(
             "the body lacks joints that are needed",
@@ -196,8 +190,8 @@ def rest_joint_positions(tree: JointTree, joints: Mapping[str, CanonicalJoint]) 
 
 
 def segment_joint(tree: JointTree, joints: Mapping[str, CanonicalJoint], name: str) -> int:
-    """Joint of the tree whose frame is the orientation of the sensor `name`. If a file splits the segment (twist
-    joints), it is the part next to the far joint."""
+    """Joint of the tree whose frame is the orientation of the sensor `name`: of a split segment (twist joints) the far
+    part."""
     side, part = name[:2], name[2:]
     if part == "toe":
         return joints[f"{side}ankle"].joint
@@ -207,7 +201,6 @@ def segment_joint(tree: JointTree, joints: Mapping[str, CanonicalJoint], name: s
 
 
 def _add_trunk(tree: JointTree, joints: dict[str, CanonicalJoint]) -> None:
-    """Add chest, spine and neck as far as the tree has joints for them."""
     arms = [joints[name].joint for name in ("l_shoulder", "r_shoulder") if name in joints]
     shared = shared_path(tree, [joints["head"].joint, *arms])
     above = tree.path(joints["head"].joint)[len(shared) :]
@@ -225,7 +218,7 @@ def _add_trunk(tree: JointTree, joints: dict[str, CanonicalJoint]) -> None:
 
 def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | None) -> str:
     """Move the head from its joint half way to its top, and return a note if the file has no top of the head. An end of
-    length zero is replaced by the usual height along the neck; without an end the joint is the centre."""
+    length zero is replaced by the usual height along the neck."""
     head, note = joints["head"].joint, ""
     has_top = top is not None and tree.parents[top] == head
     end = tree.offsets[top] if has_top else max(tree.ends[head], key=norm, default=None)
@@ -244,7 +237,7 @@ def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | 
 
 
 def _add_toe(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> None:
-    """Add the end of the foot as the toe if the file has no toe joint."""
+    """Add the end of the foot as the toe of a file without toe joint."""
     if f"{side}_toe" in joints:
         return
     joint = joints[f"{side}_ankle"].joint
@@ -256,7 +249,7 @@ def _add_toe(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> N
 
 
 def _add_arm(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> None:
-    """Add the arm that the performer lacks: as long as the other one, hanging beside the trunk, fixed in the chest."""
+    """Add the arm that the performer lacks: as long as the other one, hanging beside the trunk."""
     at, other = rest_joint_positions(tree, joints), "r" if side == "l" else "l"
     hips, across = 0.5 * (at["l_hip"] + at["r_hip"]), at["l_hip"] - at["r_hip"]
     up, shoulder = _direction(at["head"] - hips), at[f"{other}_shoulder"]
@@ -270,8 +263,8 @@ def _add_arm(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> N
 
 
 ALONG_AXIS = 0.97
-"""Cosine (14 degrees) from which a direction of a rest pose is taken as a coordinate axis: the head of a straight body
-is up to 10 degrees ahead of its hips."""
+"""Cosine (14 degrees) from which a rest direction is taken as an axis: the head of a straight body is up to 10 degrees
+ahead."""
 MAX_UPRIGHT_FRAMES = 2000
 """Most frames among which the most upright is searched: one per 0.8 s of 28 minutes, and a pose is held longer."""
 
@@ -367,8 +360,8 @@ def _as_body(
 ) -> tuple[FloatArray, Skeleton]:
     """Axes (3, 3) of the body in the zero pose, and the joints in them.
 
-    up (3,): if known, else from hips to head. Left is the line across hips and shoulders without its part along up.
-    front: -1 if the tree is mirrored.
+    up (3,): if known, else from hips to head. Left is the line across hips and shoulders, orthogonal to up. front: -1
+    if the tree is mirrored.
     """
     at = rest_joint_positions(tree, joints)
     if up is None:
@@ -389,7 +382,6 @@ def _direction(vector: FloatArray) -> FloatArray:
 
 
 def _refuse_swapped(skeleton: Skeleton, *, where: str) -> None:
-    """Raise InputError if arms and legs disagree on left and right."""
     hips, shoulders = (skeleton.of(f"l_{part}") - skeleton.of(f"r_{part}") for part in ("hip", "shoulder"))
     if dot(hips, shoulders) < 0.0:
         raise InputError(
@@ -400,7 +392,7 @@ def _refuse_swapped(skeleton: Skeleton, *, where: str) -> None:
 
 
 def _unlike_frames(skeleton: Skeleton, tracks: Mapping[str, FloatArray]) -> tuple[str, ...]:
-    """Faults of a rest skeleton whose shoulder or hip width is not that of the frames, in words."""
+    """Faults of a rest skeleton whose shoulder or hip width is not that of the frames."""
     low, high = SAME_LENGTH
     found = []
     for part in ("shoulder", "hip"):
@@ -418,7 +410,7 @@ def _most_upright(
     sides.
 
     tracks: canonical joints (T, 3) in file axes. Each line of the body costs 1 minus its cosine to its rest direction.
-    Turns of head and chest away from their mean cost too, because no line shows them.
+    Turns of head and chest away from their mean cost too.
     """
     rows = np.unique(np.linspace(0, len(pose.position) - 1, MAX_UPRIGHT_FRAMES).astype(int))
     at = {name: matmul(track[rows], world.T) for name, track in tracks.items()}

@@ -47,7 +47,7 @@ STYLES: Mapping[str, dict[str, tuple[str, ...]]] = {
 
 
 def layout(section: Mapping[str, str]) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Names and parent indices (-1: none) of joints, from a table of names and their parents."""
+    """Names and parent indices (-1: none) from a table of names and parents."""
     names = tuple(section)
     return names, tuple(names.index(parent) if parent else -1 for parent in section.values())
 
@@ -57,14 +57,14 @@ SMPL_NAMES, SMPL_PARENTS = layout(TABLES["layouts"]["smpl"])
 
 
 def joints_by_name(names: tuple[str, ...]) -> dict[str, int] | None:
-    """Canonical joint (and `head_top`) -> index in `names`, by the family that names the most; None if none fits."""
+    """Canonical joint (and `head_top`) -> index, by the family that names the most; None if none fits."""
     found = [joints for _, joints in _matches(names) if set(REQUIRED) <= set(joints)]
     return max(found, key=len, default=None)
 
 
 def named_in_part(names: tuple[str, ...]) -> tuple[dict[str, int], dict[str, str]]:
-    """Joints as `joints_by_name` gives them, for names that no family covers: the family with most of the required
-    joints, completed from others. Also the joints still missing, with their names in that family."""
+    """Joints by the family that names most of the required ones, completed from others; and the joints still missing,
+    with their names in that family."""
     matches = sorted(_matches(names), key=lambda match: -len(set(REQUIRED) & set(match[1])))
     style, found = matches[0][0], dict(matches[0][1])
     for _, joints in matches[1:]:
@@ -120,7 +120,7 @@ class JointTree:
         return [child for child, parent in enumerate(self.parents) if parent == joint]
 
     def fork(self) -> int:
-        """The first joint from the root that has more than one child; joints above it only carry the body."""
+        """The first joint with more than one child; joints above it only carry the body."""
         joint = 0
         while len(children := self.children(joint)) == 1:
             joint = children[0]
@@ -137,7 +137,7 @@ class JointTree:
 
 @dataclass(frozen=True)
 class JointPoses:
-    """Position (T, n, 3) and orientation (T, n, 4) wxyz of every joint's frame in the axes of the file."""
+    """Position (T, n, 3) and orientation (T, n, 4) wxyz of every joint's frame."""
 
     position: FloatArray
     orientation: FloatArray
@@ -169,7 +169,7 @@ def forward_kinematics(tree: JointTree, local_rotation: FloatArray, translation:
 
 
 def tree_of_poses(names: tuple[str, ...], parents: tuple[int, ...], pose: JointPoses) -> JointTree:
-    """The tree of posed joints (n) whose zero pose has every frame unturned; offsets are medians over the frames."""
+    """The tree of posed joints (n) whose zero pose is unturned; offsets are medians over the frames."""
     offsets = np.zeros((len(names), 3))
     for joint, parent in enumerate(parents):
         if parent >= 0:
@@ -230,8 +230,8 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     """Canonical joint -> joint of the tree by its rest pose, without names; None if the tree does not look like a body.
 
     The leaves give the mirror plane. A middle leaf is the head, the lowest leaf of each side ends a leg, the farthest
-    other one an arm. The two longest bones of a limb are thigh and shank, or upper arm and forearm. Names give left and
-    right, else the direction of the toes. All is measured from the fork of the body.
+    other one an arm. The two longest bones of a limb are its segments. Names give left and right, else the direction of
+    the toes.
     """
     rest = tree.rest_positions()
     rest -= rest[tree.fork()]
@@ -287,14 +287,13 @@ _WORD = re.compile(r"[左右]|[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 
 
 def _named_left(tree: JointTree, limbs: Mapping[str, int]) -> float:
-    """Number of left words minus number of right words in the names of these limbs."""
     words = [word.lower() for joint in limbs.values() for word in _WORD.findall(tree.names[joint])]
     return fsum(_SIDE_OF.get(word, 0) for word in words)
 
 
 def _head_below(tree: JointTree, crown: int, middle: list[int], arms: list[int]) -> int:
-    """The head joint: the first above the arms with head in its name; else the last that several middle leaves share
-    (eyes, jaw); else the crown, or its parent if the crown is a mere end."""
+    """The head joint: the first above the arms with head in its name; else the last that middle leaves (eyes, jaw)
+    share; else the crown, or its parent if it is a mere end."""
     above = tree.path(crown)[len(shared_path(tree, [crown, *arms])) :]
     named = [joint for joint in above if re.search(r"head(?![a-z])", tree.names[joint], re.IGNORECASE)]
     if named:
@@ -320,8 +319,8 @@ def _mirror_axis(points: FloatArray) -> int | None:
 
 
 def _limbs_of_side(tree: JointTree, leaves: dict[int, float], head: int, across: FloatArray) -> dict[str, int] | None:
-    """Hip, knee, ankle, shoulder, elbow and wrist of one side. leaves: its leaves with their heights. across (n,):
-    distance of each joint from the middle plane, in body sizes."""
+    """Six joints of one side. leaves: with their heights. across (n,): distance of each joint from the middle plane, in
+    body sizes."""
     if len(leaves) < 2:
         return None
     foot = min(leaves, key=leaves.__getitem__)
@@ -340,7 +339,7 @@ def _limbs_of_side(tree: JointTree, leaves: dict[int, float], head: int, across:
 
 
 def _two_longest_bones(tree: JointTree, chain: list[int]) -> tuple[int, int, int] | None:
-    """Start and end of the first, and end of the second, of the two longest bones of a chain."""
+    """Start, middle and end of the two longest bones of a chain."""
     if len(chain) < 3:
         return None
     lengths = [norm(tree.offsets[joint]) for joint in chain[1:]]
@@ -349,7 +348,6 @@ def _two_longest_bones(tree: JointTree, chain: list[int]) -> tuple[int, int, int
 
 
 def _foot_reach(tree: JointTree, joint: int, axis: int) -> float:
-    """Distance along an axis from the ankle to the end of the foot."""
     reach = 0.0
     while children := tree.children(joint):
         joint = children[0]

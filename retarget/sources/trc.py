@@ -69,7 +69,6 @@ def read_trc(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
 
 
 def _about(lines: Sequence[str], path: Path) -> dict[str, str]:
-    """Properties of the recording by their names in lower case."""
     if not lines[0].startswith("PathFileType") or len(lines) <= HEADER_LINES:
         raise InputError(
             "not a TRC file",
@@ -96,7 +95,7 @@ def _labels(lines: Sequence[str], path: Path) -> tuple[str, ...]:
 
 
 def _positions(lines: Sequence[str], count: int, path: Path) -> FloatArray:
-    """Positions (T, count, 3), NaN where lost; the memory is bounded before it is taken."""
+    """Positions (T, count, 3), NaN where lost; the size is checked before the memory is taken."""
     rows = [index for index in range(HEADER_LINES, len(lines)) if lines[index].strip()]
     check_frame_count(len(rows), str(path))
     if len(rows) * count > MAX_POSITIONS:

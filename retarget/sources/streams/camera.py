@@ -9,8 +9,7 @@ room. So a body of average size is built from directions alone:
 
 * Feet stay in place; a foot moves while it is seen lifted, or is seen elsewhere.
 * The height of the hips is that in the picture, as a share of the height while standing.
-* A mean lean of the whole body away from the camera is the camera's error and is sheared away.
-* Landmarks that are not seen, outside of the picture or implausible are not tracked.
+* A mean lean away from the camera is the camera's error and is sheared away.
 
 World: REP-103, the performer faces x, towards the camera.
 """
@@ -58,8 +57,8 @@ HIPS, KNEES, ANKLES = [23, 24], [25, 26], [27, 28]
 class Landmarks:
     """One frame; the arrays are empty if there is no person.
 
-    time: s. number: of the frame, None if not sent. point (33, 3): m from the middle of the hips, REP-103. picture (33,
-    2): pixels, right and down. inside (33,): in the picture. visibility (33,): 0 to 1.
+    time: s. point (33, 3): m from the middle of the hips, REP-103. picture (33, 2): pixels, right and down. inside
+    (33,): in the picture. visibility (33,): 0 to 1.
     """
 
     time: float
@@ -71,7 +70,6 @@ class Landmarks:
 
 
 def _landmarks(message: Mapping[str, Any]) -> Landmarks:
-    """The landmarks of a message. Raises UnusableDatagram."""
     if not message.keys() <= _KEYS:
         raise UnusableDatagram("a key other than axes, time, frame, size, landmarks")
     time: Any = message.get("time")
@@ -96,19 +94,19 @@ def _landmarks(message: Mapping[str, Any]) -> Landmarks:
 
 
 OUTSIDE = 0.02
-"""Share of the picture by which a landmark may lie outside: at its edge, half of a hand is seen."""
+"""Share of the picture by which a landmark may lie outside: half of a hand is seen there."""
 SEEN, UNSEEN = 0.5, 0.35
 """Visibility from which a landmark counts, and below which it no longer does."""
 FACING_M = 0.1
-"""Least sum, m, by which the left shoulder and hip are left of the right ones (usual: 0.5): from behind or from the
-side, left and right are mostly swapped."""
+"""Least sum, m, by which the left shoulder and hip are left of the right ones (usual: 0.5): from behind they are mostly
+swapped."""
 SWAPPED_M, SWAPPED_S = 0.3, 0.3
-"""A pair of limbs that jumps by this, m, to the other one's place is swapped, for at most this time, s."""
+"""A pair of limbs that jumps by this, m, to each other's place is swapped, for at most this time, s."""
 _PAIRS = np.array([ELBOWS, WRISTS, KNEES, ANKLES])
 
 
 class Sight:
-    """Selects the landmarks that count, from frame to frame."""
+    """The landmarks that count, from frame to frame."""
 
     def __init__(self) -> None:
         self._seen: BoolArray = np.zeros(LANDMARKS, dtype=bool)
@@ -159,34 +157,32 @@ class RunningMean:
 
 
 BODY = proportional_dimensions(TYPICAL_HEIGHT_M)
-"""The body that is built, whatever the performer's size: for a camera a tall performer looks like a near one."""
+"""The body that is built for a performer of any size: a tall one looks like a near one."""
 THIGH, SHANK = BODY.length("l_knee"), BODY.length("l_ankle")
 ANKLE_M = FRACTIONS.ankle_height * BODY.stature
 """Height of an ankle above the floor, m."""
 HIP = BODY.of("l_hip")
 """Offset from the pelvis to the left hip, m."""
 SHEAR_S, STANDING_S, DISTANCE_S, FEET_S = 20.0, 20.0, 5.0, 5.0
-"""Time constants, s: of the lean, of the picture's measures while standing, of the distance (a crouch is shorter), and
-of the height difference of standing feet."""
+"""Time constants, s: of the lean, of measures while standing, of the distance, and of the height difference of the
+feet."""
 STANDS = 0.93
 """Share of the usual hip height from which the performer stands upright."""
 CROUCHED = 4.0
 """Factor on the time constants of measures while standing, when the performer does not stand."""
 TALLER, STOOD_UP = 1.15, 0.05
-"""Hips this many times higher than while standing show that the performer sat at first. The height is then learned in
-this share of the time."""
+"""Hips this many times higher show that the performer sat at first. The height is then learned in this share of the
+time."""
 PITCH_SHARE = 0.4
 """Share of the forward lean of trunk and head that is used: depths are poor."""
 LIFT_M = (0.08, 0.13)
-"""Height difference of the feet in the picture, m, from which one begins to be lifted, and is lifted: standing feet
-differ by up to 0.09 m in a crouch."""
+"""Height differences of the feet, m, from which one begins to be lifted, and is lifted: in a crouch 0.09 m is usual."""
 SLIDES_M = np.array([0.40, 0.12])
 """Distance of a standing foot from its place, m forward and sideward, beyond which it has moved unseen."""
 FORWARD_SHARE = 0.5
 """Share of the forward distance between the feet that is used: depths are poor."""
 YIELDS = 0.01
-"""Share of the apparent motion of planted feet that is shown: without it they would look like lost sensors, which
-repeat a value."""
+"""Share of the apparent motion of planted feet that is shown, so that they do not look like lost sensors."""
 BACK_M = 0.3
 """Largest distance of the hips ahead of the feet or behind them, m."""
 KNEE_M = 0.03
@@ -199,7 +195,7 @@ def _unit(vector: FloatArray) -> FloatArray:
 
 
 def _frame(up: FloatArray, left: FloatArray) -> FloatArray:
-    """Axes (3, 3) of a part as columns forward, left, up, from its upward line and a line to its left."""
+    """Axes (3, 3) of a part as columns forward, left, up, from two lines along it."""
     up = _unit(up)
     left = _unit(left - dot(left, up) * up)
     (a, b, c), (x, y, z) = left, up
@@ -207,7 +203,7 @@ def _frame(up: FloatArray, left: FloatArray) -> FloatArray:
 
 
 class FootTracker:
-    """Positions of the feet and height of the hips, from frame to frame. The state is bounded."""
+    """Positions of the feet and height of the hips. The state is bounded."""
 
     def __init__(self) -> None:
         self.feet: FloatArray | None = None
@@ -322,7 +318,7 @@ _NEEDED: Mapping[str, tuple[int, ...]] = {
 
 
 class Body:
-    """Landmarks -> sensors of a body of average size, from frame to frame. The state is bounded."""
+    """Landmarks -> sensors of a body of average size. The state is bounded."""
 
     def __init__(self) -> None:
         self._lean, self._nod = RunningMean(SHEAR_S), RunningMean(SHEAR_S)
@@ -330,9 +326,7 @@ class Body:
 
     def take(self, frame: Landmarks, counts: BoolArray, dt: float) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Positions (11, 3) m, orientations (11, 4) wxyz and tracked (11,) of CAMERA_SENSORS; NaN where not tracked.
-
-        counts (33,): mask of the landmarks that count. dt: s since the last frame.
-        """
+        counts (33,): mask of landmarks. dt: s since the last frame."""
         position, orientation = np.full((len(CAMERA_SENSORS), 3), np.nan), np.full((len(CAMERA_SENSORS), 4), np.nan)
         tracked = np.array([counts[[*_NEEDED[name]]].all() for name in CAMERA_SENSORS])
         if not counts[SHOULDERS].all():
@@ -449,10 +443,8 @@ _OF_A_CAMERA = re.compile(rb'"axes"\s*:\s*"camera"')
 
 
 class WebDecoder:
-    """Implements StreamDecoder for a page of `web://`: a camera's landmarks, or a headset's poses as JSON.
-
-    use_generated_legs: keep the legs that headsets make up without seeing them.
-    """
+    """Implements StreamDecoder for a page of `web://`: a camera's landmarks, or a headset's poses. use_generated_legs:
+    keep the legs that headsets make up."""
 
     def __init__(self, *, use_generated_legs: bool = False) -> None:
         self.dropped, self._use_legs = Dropped(), use_generated_legs

@@ -1,5 +1,4 @@
-"""Recognises the protocol of a datagram by its first bytes: OSC (`#bundle` or an address), MVN (`MXTP`), NatNet (an id
-and its own size), mocopi (a counted `head`), Axis Studio (0xDDFF), Rokoko Studio (JSON or an LZ4 frame of it)."""
+"""The protocol of a datagram by its first bytes: OSC, MVN, NatNet, mocopi, Axis Studio, Rokoko Studio, or JSON."""
 
 import json
 import struct
@@ -21,7 +20,7 @@ _AXIS_STUDIO = b"\xff\xdd"
 @dataclass(frozen=True, slots=True)
 class Recognised:
     """Protocol of a datagram. kind: scheme of the address that reads it, "" if none does. name: in words. detail:
-    message type, bounded in length, with few different values."""
+    bounded in length."""
 
     kind: str
     name: str
@@ -101,7 +100,7 @@ def _json(datagram: bytes) -> Recognised:
 
 
 def _natnet(datagram: bytes) -> Recognised | None:
-    """NatNet, by a known id and a size that fits to the byte; None for anything else."""
+    """NatNet, by a known id and a size that fits to the byte."""
     parts = split(datagram)
     if parts is None or len(datagram) != 4 + struct.unpack_from("<H", datagram, 2)[0]:
         return None

@@ -65,13 +65,13 @@ class JsonLayout:
 
     @cached_property
     def _rows(self) -> list[int]:
-        """For each sensor the row of its rotation: a toe sensor turns with the foot."""
+        """Row of each sensor's rotation: a toe turns with the foot."""
         names = [*self.places]
         return [names.index(name.replace("toe", "ankle")) for name in names]
 
     @cached_property
     def _back(self) -> FloatArray:
-        """Rotations (k, 4) from a T-pose to hanging arms, by 90 degrees about forward."""
+        """Rotations (k, 4) from a T-pose to hanging arms, 90 degrees about forward."""
         half = math.sqrt(0.5)
         hang = {
             name: half if name.startswith("l_") else -half
@@ -87,8 +87,7 @@ LAYOUTS: Mapping[str, JsonLayout] = {
     "smpl24": JsonLayout(len(SMPL_NAMES), {name: _SMPL[name] for name in SENSORS if name in _SMPL}, turned=True),
     "webxr83": JsonLayout(83, {name: _WEBXR[name] for name in SENSORS if name in _WEBXR}, turned=False),
 }
-"""Layouts by name: SMPL's order, also of PICO's body tracking, and the joints of WebXR's tracked body, whose rotations
-are not specified alike."""
+"""SMPL's order, also of PICO's body tracking, and WebXR's tracked body, whose rotations are not specified alike."""
 
 
 class UnusableDatagram(ValueError):
@@ -222,7 +221,7 @@ _NO_POSE: dict[str, Any] = {"p": [math.nan] * 3, "tracked": False}
 
 
 def _of_array(entry: object) -> object:
-    """An entry of an array as a pose: 3 numbers of a position, or 7 with a quaternion; null for none."""
+    """An entry of an array as a pose: 3 numbers, or 7 with a quaternion; null for none."""
     if entry is None:
         return _NO_POSE
     if type(entry) is list and len(entry) == 3:

@@ -1,9 +1,8 @@
 """Xsens MVN network streamer: datagrams of one character -> poses of its 23 body segments.
 
 Used are type 02 (quaternions, the one to choose in MVN), type 01 (Euler angles, only without quaternions) and 13 (the
-T-pose). Type 12 (the performer's name) is skipped, other types are counted. Names of poses are MVN's ("Pelvis", "L5");
-props and fingers are left out. The stamp is the time code, the number the sample counter: samples may be skipped, and
-arrival times are off by 15 ms.
+T-pose). Names of poses are MVN's ("Pelvis", "L5"). The stamp is the time code, the number the sample counter: samples
+may be skipped, and arrival times are off by 15 ms.
 
 Big-endian. Source: MVN real-time network streaming protocol specification, revision N (2018).
 """
@@ -43,9 +42,8 @@ HEADER_BYTES = _HEADER.size
 
 @dataclass(frozen=True, slots=True)
 class MvnHeader:
-    """kind: type of the datagram, 0 to 99. sample: counter of captured samples, u32. part, last: of a sample that is
-    split over datagrams. items: of the payload. time_ms: since the recording began, u32. character: id. size: bytes of
-    the payload."""
+    """kind: type of the datagram, 0 to 99. sample: counter, u32. part, last: of a sample split over datagrams. items:
+    of the payload. time_ms: since the recording began, u32. size: bytes of the payload."""
 
     kind: int
     sample: int
@@ -58,8 +56,7 @@ class MvnHeader:
 
 
 def read_header(data: bytes) -> MvnHeader | None:
-    """The header of a datagram, None if it has none. Before 2018 its size was zero: the payload then has the bytes
-    there are."""
+    """The header of a datagram, None if it has none. Before 2018 its size was zero: all bytes are then the payload."""
     if len(data) < HEADER_BYTES:
         return None
     magic, digits, sample, counter, items, time_ms, character, _, _, _, _, size = _HEADER.unpack_from(data)
@@ -81,8 +78,8 @@ def read_scale(payload: bytes) -> tuple[tuple[str, ...], FloatArray] | None:
     """Segment names (k) and their origins (k, 3) in the T-pose, sender's unit, of a type 13 payload; None if it is
     damaged.
 
-    The payload is a u32 count of segments, then for each its counted name and 3 floats. Points on the skin follow,
-    which a sender also puts into datagrams of their own (count 0).
+    The payload is a u32 count, then for each segment its counted name and 3 floats, then points on the skin, which a
+    sender also puts into datagrams of their own (count 0).
     """
     at, names, origins = _COUNT.size, [], []
     try:
@@ -103,8 +100,8 @@ def read_scale(payload: bytes) -> tuple[tuple[str, ...], FloatArray] | None:
 
 
 class SampleParts:
-    """The parts of the latest sample of one type: fingers make MVN split samples. A part of another sample discards
-    them. It holds at most MAX_DATAGRAM bytes in at most 128 parts."""
+    """The parts of the latest sample of one type, at most MAX_DATAGRAM bytes in 128 parts. A part of another sample
+    discards them."""
 
     def __init__(self, dropped: Dropped) -> None:
         self._dropped = dropped
@@ -153,7 +150,7 @@ TALL_SAMPLES = 5
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """The items of a sample that are used, found once for each list of ids. ids: as on the wire. error: a reason."""
+    """The items of a sample that are used, found once for each list of ids."""
 
     ids: bytes
     columns: NDArray[np.intp]

@@ -65,8 +65,8 @@ def _within(number: int, owner: Owner) -> int:
 @dataclass(frozen=True, slots=True, eq=False)
 class PosePlan:
     """Plan of the k poses that are kept, made when the ids change. rows (k,) of the frame, None if all. doubled,
-    surplus: counts of rows left out. bones: (row, parent row) of bones that are not roots, parents first. lost: rows of
-    bones with unknown parents. Both index the rows kept."""
+    surplus: counts of rows left out. bones: (row, parent row) among the rows kept, parents first. lost: rows of bones
+    with unknown parents."""
 
     names: tuple[str, ...]
     rows: NDArray[np.intp] | None
@@ -131,7 +131,7 @@ def plan_poses(
 
 def compose_bones(plan: PosePlan, position: FloatArray, orientation: FloatArray, tracked: BoolArray) -> None:
     """Turn parent-relative poses of bones into world poses, in place: T_world_bone = T_world_parent T_parent_bone. A
-    bone is tracked only if its parents are. Bones with unknown parents become NaN and are not tracked."""
+    bone is tracked only if its parents are; with unknown parents it becomes NaN."""
     points = [(p[0], p[1], p[2]) for p in position.tolist()]
     turns = [(q[0], q[1], q[2], q[3]) for q in orientation.tolist()]
     for row, parent in plan.bones:
@@ -147,10 +147,10 @@ def compose_bones(plan: PosePlan, position: FloatArray, orientation: FloatArray,
 
 
 def rest_skeleton(group: GroupDefinition, axes: Convention) -> Skeleton | None:
-    """The canonical joints of a skeleton in its T-pose, facing x; None if names or parents are not a human's.
+    """The canonical joints of a skeleton in its T-pose, facing x; None if it is no human's.
 
-    No bone is turned in that pose, so each offset adds to the parent's position. The stream does not state the heading
-    of the T-pose: y is the direction from the right hip to the left one.
+    No bone is turned in that pose, so offsets add up. The stream does not state its heading: y is the direction from
+    the right hip to the left one.
     """
     waiting = {bone.number & 0xFFFF: bone for bone in group.bones}
     numbers, prefix = list(waiting), f"{group.name}_"
@@ -210,9 +210,8 @@ _PlanKey = tuple[tuple[PoseGroup, ...], bytes]
 class NatnetDecoder:
     """A `StreamDecoder` of one Motive server. Before ServerInfo and definitions arrive, names are numbers.
 
-    bones: Motive's setting Skeleton Coordinates, `global`, or `local` to the parent. up: its Up Axis. The stamp of a
-    frame is its mid-exposure in s of the server's clock; its timestamp, of another clock, while the frequency is
-    unknown or the frame has no ticks (playback).
+    bones: Motive's setting Skeleton Coordinates, `global`, or `local` to the parent. up: its Up Axis. The stamp is the
+    mid-exposure in s of the server's clock, or the timestamp of another clock if the frame has no ticks (playback).
     """
 
     def __init__(self, *, bones: Literal["global", "local"] = "global", up: Literal["y", "z"] = "y") -> None:

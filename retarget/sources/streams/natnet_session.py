@@ -1,9 +1,8 @@
 """The session with a Motive server: the messages to send, and when. It has no socket and no clock.
 
 The owner of the sockets calls `poll` at least ten times a second, sends its datagrams to `COMMAND_PORT`, and gives
-every datagram of the server to `receive` and to a `NatnetDecoder`. In unicast one socket on any port does it all. In
-multicast a second one, bound to the group's port with address reuse, joins the group on the interface that faces the
-server.
+every datagram of the server to `receive`. In unicast one socket on any port does it all. In multicast a second one,
+bound to the group's port with address reuse, joins the group on the interface that faces the server.
 """
 
 from collections.abc import Callable
@@ -38,9 +37,8 @@ SILENCE_S = 2.0
 class NatnetSession:
     """State of one session. `now` is always s of one monotonic clock.
 
-    group: address and port of the multicast group, None in unicast. names_missing: set it to the decoder's property of
-    that name. server: None until it answered. started, server_at, frame_at: s, None before. definitions_requested_at:
-    since when definitions are outstanding, s, None if they are not.
+    group: address and port of the multicast group, None in unicast. names_missing: the decoder's property of that name.
+    started, server_at, frame_at: s, None before. definitions_requested_at: s, None unless definitions are outstanding.
     """
 
     def __init__(self, *, group: tuple[str, int] | None = None) -> None:

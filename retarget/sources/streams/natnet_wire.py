@@ -127,8 +127,7 @@ POSE_RECORD = np.dtype([("id", "<i4"), ("pose", "<f4", 7), ("error", "<f4"), ("f
 """One pose on the wire, 38 bytes: position m and quaternion xyzw, mean marker error m; bit 0 of flags: tracked."""
 
 
-class _Text:
-    """A text with a NUL at its end."""
+class _Text: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,8 +164,8 @@ _BLOCKS: tuple[tuple["Owner | _Item", Version], ...] = (
     (_CHANNELS, OLDEST),  # force plates
     (_CHANNELS, OLDEST),  # devices
 )
-"""Blocks of a frame, and the version since which they exist. Poses are kept. Other items are skipped, by the size of
-the block if it has one; records of one size must fit it."""
+"""Blocks of a frame, and the version since which they exist. Poses are kept, other items are skipped. Records of one
+size must fit the size of the block."""
 
 _PLATE = 2 * 4 + 12 + 144 * 4 + 12 * 4 + 2 * 4
 _SETS: Mapping[int, _Item] = {
@@ -195,8 +194,7 @@ _SHORTEST = 4 + 7 * 4 + _PLAIN_SUFFIX.size
 
 
 class FrameFlags(IntFlag, boundary=CONFORM):
-    """Bits of a frame as Motive sets them; unknown ones are dropped, because each new value would stay in memory. EDIT:
-    the mode in which Motive plays recordings."""
+    """Bits of a frame as Motive sets them; unknown ones are dropped, because each new value would stay in memory."""
 
     RECORDING = 1
     DEFINITIONS_CHANGED = 2
@@ -274,8 +272,8 @@ class _Cursor:
 
 
 def read_frame(payload: bytes, version: Version) -> FrameOfData | None:
-    """A frame in the layout of `version`; None if the bytes do not hold one. A frame of another layout mostly gives
-    None or a surplus; only one without surplus surely fits."""
+    """A frame in the layout of `version`; None if the bytes hold none. Only a frame without surplus surely has this
+    layout."""
     cursor, sized = _Cursor(payload), version >= SIZED_SINCE
     groups: list[PoseGroup] = []
     poses: list[bytes] = []
@@ -307,7 +305,7 @@ def read_frame(payload: bytes, version: Version) -> FrameOfData | None:
 
 
 def _read_poses(cursor: _Cursor, owner: Owner, count: int, groups: list[PoseGroup], poses: list[bytes]) -> None:
-    """Read a block of poses: of all rigid bodies, or of `count` skeletons or assets, each after its id and count."""
+    """Read a block of poses: of all rigid bodies, or of `count` skeletons or assets."""
     alone = owner is Owner.RIGID_BODIES
     for _ in range(1 if alone else count):
         number, bodies = (0, count) if alone else cursor.unpack(_OWNER)
@@ -320,7 +318,6 @@ def _read_poses(cursor: _Cursor, owner: Owner, count: int, groups: list[PoseGrou
 
 
 def _end(cursor: _Cursor, end: int, *, exact: bool = False) -> None:
-    """Go to the announced end of a block or set."""
     if cursor.at > end or (exact and cursor.at < end):
         raise _Malformed
     cursor.at = end
@@ -365,9 +362,9 @@ class Definitions:
 def read_definitions(payload: bytes, version: Version) -> Definitions | None:
     """The definitions; None if the bytes hold none.
 
-    version: its layout is tried first. A changed bitstream is not always announced before its definitions arrive, so
-    the others follow; the layout that uses up every byte is right. If none does, sets of the own layout may hold more
-    than is known here, as their sizes say.
+    The layout of `version` is tried first, then the others: a changed bitstream is not always announced in time. The
+    layout that uses up every byte is right. If none does, sets of the own layout may hold unknown content, as their
+    sizes say.
     """
     own = max((layout for layout in _LAYOUTS if layout <= version), default=OLDEST)
     others = [layout for layout in _LAYOUTS if layout != own]

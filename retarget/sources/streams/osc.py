@@ -51,8 +51,7 @@ Number = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class OscMessage:
-    """One message. tags: one letter per argument. at: first byte of each argument. text: the first text argument, "" if
-    none."""
+    """One message. tags: one letter per argument. at: first byte of each argument. text: the first text argument."""
 
     address: str
     tags: str
@@ -71,10 +70,9 @@ class OscMessage:
 class OscPacket:
     """Content of one datagram.
 
-    messages: in wire order. time_tags: first byte of the time tag of each bundle, which all known senders set to
-    "immediately". dropped: a constant reason for each unreadable part. If sizes do not fit or a limit is exceeded,
-    there are no messages at all, because part of the datagram may be missing. arguments: number decoded, dropped ones
-    included.
+    messages: in wire order. time_tags: first byte of the time tag of each bundle (known senders send "immediately").
+    dropped: a constant reason for each unreadable part; if sizes do not fit or a limit is exceeded, there are no
+    messages. arguments: number decoded.
     """
 
     messages: list[OscMessage] = field(default_factory=list)
@@ -90,7 +88,7 @@ class OscPacket:
 
 
 class _Unreadable(Exception):
-    """This message, or the whole datagram, cannot be read; the text is a constant reason."""
+    """The text is a constant reason."""
 
 
 def read_osc(datagram: bytes) -> OscPacket:
@@ -106,8 +104,7 @@ def read_osc(datagram: bytes) -> OscPacket:
 
 
 def _element(data: bytes, start: int, end: int, depth: int, packet: OscPacket) -> None:
-    """Read a message, or a bundle: `#bundle`, a time tag, then elements, each after its size. Raises _Unreadable if
-    sizes do not fit or a limit is exceeded."""
+    """Read a message, or a bundle: `#bundle`, a time tag, then elements, each after its size. Raises _Unreadable."""
     if end - start < 4 or (end - start) % 4:
         raise _Unreadable(BAD_SIZE)
     if not data.startswith(_BUNDLE, start, end):
@@ -219,8 +216,7 @@ Plan = TypeVar("Plan")
 
 
 class OscLayouts(Generic[Plan]):
-    """Cache of plans by datagram layout: datagrams that differ only in their numbers are parsed once. `plan` is called
-    once for each layout and must not use the numbers."""
+    """Cache of plans: datagrams that differ only in their numbers are parsed once. `plan` must not use the numbers."""
 
     def __init__(self, plan: Callable[[OscPacket], Plan]) -> None:
         self._make = plan

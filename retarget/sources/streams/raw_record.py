@@ -61,10 +61,10 @@ class RecordedDatagram:
 
 class RawWriter:
     """Writer of a recording. `append`, for the tick or a receiving thread, does not touch the disk; `flush`, for a
-    slower thread, writes.
+    slower thread, writes. Neither raises, so that a recording never stops the robot.
 
-    A crash loses only what was not flushed. lost: datagrams dropped because the buffer was full or the disk refused
-    them. error: the system's reason, "" if none. Neither method raises, so that a recording never stops the robot.
+    lost: datagrams dropped because the buffer was full or the disk refused them. error: the system's reason, "" if
+    none.
     """
 
     def __init__(self, path: Path, *, url: str) -> None:
@@ -119,10 +119,10 @@ def _unwritable(path: Path, reason: str) -> UsageError:
 
 
 class RawReader:
-    """The datagrams of a recording, in order, one record in memory at a time; it can be iterated again.
+    """The datagrams of a recording, in order, one record in memory at a time.
 
     url: of the stream ("" in the old format). damage: after an iteration, where and how the file ended early, "" if
-    whole; all datagrams before the damage were yielded.
+    whole.
     """
 
     def __init__(self, path: Path) -> None:
@@ -161,7 +161,6 @@ class RawReader:
 
 
 def _take(file: BufferedReader, size: int) -> bytes:
-    """The next `size` bytes. Raises EOFError if there are fewer."""
     taken = file.read(size)
     if len(taken) < size:
         raise EOFError("the file ends here, in the middle of a record" if file.tell() else "empty")

@@ -1,8 +1,8 @@
 """The frame that every live stream is decoded into: poses of one datagram by the sender's names, in world axes.
 
-A new protocol needs a decoder `NAME.py` here (`vrchat.py` is the shortest) and rows: its axes in `skeletons.yaml`, its
-address in `live/address.py`, its sensors in `live/roles.py`, its decoder in `live/open_stream.py`, and its first bytes
-in `datagram_kinds.py`. Its tests: the maker's own datagrams, and each field cut short, too long, NaN or repeated.
+A new protocol needs a decoder here (`vrchat.py` is the shortest), its axes in `skeletons.yaml`, its address in
+`live/address.py`, its sensors in `live/roles.py`, a row in `live/open_stream.py`, and its first bytes in
+`datagram_kinds.py`. Its tests: the maker's datagrams, and each field cut short, too long, NaN or repeated.
 """
 
 from collections import Counter
@@ -34,9 +34,8 @@ class StreamFrame:
     """The poses of one datagram, all of one performer, in the world (REP-103: x forward, y left, z up).
 
     names: the sender's names of k poses, each once. position (k, 3) m and orientation (k, 4) wxyz: NaN where not sent.
-    tracked (k,): the sender's mark, True without one. stamp: time of capture, s of the sender's clock; number: of the
-    frame. Both are as sent (they may jump, wrap or repeat), None if not sent. camera: True for poses of a camera, which
-    are rare and smoothed by their decoder.
+    tracked (k,): the sender's mark. stamp: s of the sender's clock; number: of the frame; both as sent (they may jump,
+    wrap or repeat). camera: True for a camera's poses, which are rare and already smoothed.
     """
 
     names: tuple[str, ...]
@@ -94,9 +93,9 @@ class SkeletonSender(Protocol):
 class Convention:
     """Axes and length unit of a sender, and their conversion to REP-103.
 
-    x, y, z: directions of its axes, in words of the body ("right", "up", ...). metres: per length unit. With M the
-    signed permutation of the axes, a position p becomes M p. The vector part v of a quaternion, an axis of rotation,
-    becomes det(M) M v, so left-handed senders convert too.
+    x, y, z: directions of its axes ("right", "up", ...). metres: per length unit. With M the signed permutation of the
+    axes, a position p becomes M p. The vector part v of a quaternion becomes det(M) M v, so left-handed senders convert
+    too.
     """
 
     name: str
@@ -157,8 +156,8 @@ MOST_SQUARE = (1.0 + NORM_TOLERANCE) * (1.0 + NORM_TOLERANCE)
 
 
 def unusable(position: FloatArray, orientation: FloatArray) -> BoolArray:
-    """Mask of the k poses, position (k, 3) and orientation (k, 4), that are not finite, too far away, or no rotation.
-    Values must not exceed float32's range, so that squares stay finite."""
+    """Mask of the k poses, position (k, 3) and orientation (k, 4), that are not finite, too far away, or no
+    rotation."""
     square = squares(orientation)
     # Comparisons with NaN are False, so usable poses are selected.
     good = np.all(np.abs(position) <= MAX_COORDINATE, axis=1) & (square >= LEAST_SQUARE) & (square <= MOST_SQUARE)

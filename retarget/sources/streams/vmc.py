@@ -1,8 +1,7 @@
 """VMC protocol 3.1 (github.com/sh-akira/VirtualMotionCaptureProtocol), receiving side: poses over OSC and UDP.
 
-Names of poses: the serial of a device (`human://HEAD`), whether headset, controller or tracker; `bone://LeftUpperArm`
-in Unity's spelling; `root://root`. Devices are world poses. Bones are relative to their parent, with the T-pose as
-identity. `VmcDecoder` gives poses as sent; `VmcBodyDecoder` gives bones as world poses.
+Names of poses: the serial of a device (`human://HEAD`), `bone://LeftUpperArm` in Unity's spelling, `root://root`.
+Devices are world poses. Bones are relative to their parent, with the T-pose as identity.
 """
 
 from collections import Counter
@@ -77,8 +76,8 @@ def bone_poses(frame: StreamFrame) -> dict[str, BonePose]:
 def world_poses(local: Mapping[str, BonePose], lengths: Mapping[str, Vector]) -> dict[str, BonePose]:
     """World poses of the bones by name: of the joint where each begins, and of its segment.
 
-    local: by name, relative to the parent, in world axes. lengths: offsets as of `t_pose_offsets`, used where no
-    position was sent. A required bone that was not sent is NaN, and so are its descendants.
+    local: relative to the parent, in world axes. lengths: offsets as of `t_pose_offsets`, used if no position was sent.
+    A required bone that was not sent is NaN, and so are its descendants.
     """
     world = {_ROOT_NAME: local.get(_ROOT_NAME, _AT_ORIGIN)}
     for name, bone in zip(_NAMES, BODY_BONES, strict=True):
@@ -107,8 +106,8 @@ _UNITY = CONVENTIONS["unity"]
 _POSE = np.zeros((7, 7))
 _POSE[:3, :3] = _UNITY.positions(np.eye(3))
 _POSE[3:, 3:] = _UNITY.orientations(np.eye(4)[:, [3, 0, 1, 2]])  # xyzw -> wxyz
-"""Matrix from a row x, y, z, qx, qy, qz, qw of Unity to position and quaternion wxyz. Its entries are 0, 1 or -1, so
-nothing is rounded; one number that is not finite makes the pose NaN."""
+"""Matrix from a row x, y, z, qx, qy, qz, qw of Unity to position and quaternion wxyz. Entries are 0 or +-1: nothing is
+rounded, and one number that is not finite makes the pose NaN."""
 
 
 WRONG_ARGUMENTS = "VMC message with too few arguments or of the wrong types"
@@ -126,13 +125,12 @@ _POSES: Mapping[str, Callable[[str], str | None]] = {
 }
 """Address of a pose message -> the function from its text to the name of the pose."""
 _UNUSED = ("/VMC/Ext/", "/VMC/Thru/")
-"""Addresses of other content (raw poses, expressions, camera, keys): ignored, and not counted as dropped."""
+"""Addresses of other content, ignored and not counted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _VmcPlan:
-    """Places of the poses in one layout: 7 numbers for each of k poses. bones (k,): True for bones. stamp, loaded,
-    tracking: None if not in the datagram."""
+    """Places of the poses in one layout: 7 numbers for each. stamp, loaded, tracking: None if not in the datagram."""
 
     names: tuple[str, ...]
     numbers: OscNumbers
@@ -146,11 +144,9 @@ class _VmcPlan:
 class VmcDecoder:
     """A `StreamDecoder` of one sender's datagrams.
 
-    It keeps only the state of `/VMC/Ext/OK`: `loaded` (the sender has a model) and `tracking`, None until sent. While
-    one of them is False, no pose is `tracked`.
-
-    A bone position of exactly zero becomes NaN: SlimeVR without an avatar file, iFacialMocap and others send zeros for
-    unknown positions. An unusable pose keeps its name, becomes NaN and is not tracked.
+    It keeps the state of `/VMC/Ext/OK`: `loaded` (the sender has a model) and `tracking`, None until sent. While one is
+    False, no pose is `tracked`. A bone position of exactly zero becomes NaN: SlimeVR without an avatar file,
+    iFacialMocap and others send zeros for unknown positions. An unusable pose becomes NaN and is not tracked.
     """
 
     def __init__(self) -> None:
@@ -209,7 +205,7 @@ def _plan(packet: OscPacket) -> _VmcPlan:
 
 
 def _place(message: OscMessage, places: dict[str, tuple[Number, ...]]) -> str:
-    """Keep the numbers of a pose by its name (the last one counts); return the reason if it is not used, else ""."""
+    """Keep the numbers of a pose by its name (the last one counts); return the reason if it is not used."""
     named = _POSES.get(message.address)
     if named is None:
         known = message.address.startswith(_UNUSED) and message.address not in ("/VMC/Ext/T", "/VMC/Ext/OK")
@@ -239,11 +235,11 @@ _HIPS = "bone://Hips"
 
 class VmcBodyDecoder:
     """A `StreamDecoder` of senders of bones only (VirtualMotionCapture, VSeeFace): known bones `bone://NAME` as world
-    poses, each at the joint where it begins. Without a required bone, it and its descendants are unknown.
+    poses, each at the joint where it begins.
 
     A sender may put an avatar into one datagram, or a bone into each. A body is complete once each bone that is sent
-    has come, or when the next round begins. Bone lengths that are not sent are those of a person of TYPICAL_HEIGHT_M.
-    If the position of the hips is not sent, the lower foot stands on the ground.
+    has come, or when the next round begins. Unsent lengths are those of a person of TYPICAL_HEIGHT_M; without a
+    position of the hips, the lower foot stands on the ground.
     """
 
     def __init__(self) -> None:

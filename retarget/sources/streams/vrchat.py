@@ -1,8 +1,7 @@
 """VRChat's OSC trackers (docs.vrchat.com, OSC Trackers): eight trackers and the head.
 
 `/tracking/trackers/N/position` and `.../rotation`, N from 1 to 8 or `head`; Unity's axes, metres, Euler angles in
-degrees. Names of poses are `tracker://N`. There are no times and no frame numbers. Senders number body parts
-differently: see `live/roles.py`.
+degrees; no times and no frame numbers. Senders number body parts differently: see `live/roles.py`.
 """
 
 from collections import Counter
@@ -35,8 +34,8 @@ _IDS = frozenset([*"12345678", "head"])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _TrackerPlan:
-    """Places of the numbers in one layout: n triples, positions first, then rotations. rows (n,): of a frame. limits
-    (n, 1): largest magnitudes."""
+    """Places of the numbers in one layout: n triples, positions first. rows (n,): of a frame. limits (n, 1): largest
+    magnitudes."""
 
     names: tuple[str, ...]
     positions: int
