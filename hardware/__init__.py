@@ -1,5 +1,4 @@
-"""The servo side of a robot.
+"""The servo side of a robot: buses, joint <-> tick map, servo data, IMU, and the guard.
 
-In: checked goals, in rad. Out: servo states, and a latched stop. Buses, joint <-> tick map, servo data, IMU, and the
-guard, which alone switches torque on and writes goals. Imports no sibling.
+In: checked goals. Out: servo states, and a latched stop. Imports no sibling.
 """

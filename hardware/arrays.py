@@ -1,4 +1,4 @@
-"""Array types of the servo side: C-contiguous, one entry per servo, in the profile's servo order."""
+"""Array types: C-contiguous, one entry per servo, in the profile's servo order."""
 
 import numpy as np
 from numpy.typing import NDArray

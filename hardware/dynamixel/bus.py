@@ -33,8 +33,8 @@ NOISY_CYCLES = 50
 class CyclicImu:
     """The IMU of a robot within the cycles of its bus. port: its own serial line; None: it is on one of `lines`.
 
-    With goals, it is asked after them, and its answer is taken before anything else is sent; otherwise it is asked
-    after the servos. notify: receives each fault once. Raises BusError only when a bus is gone.
+    It is asked after the goals, and its answer is taken before anything else is sent. Without goals it is asked after
+    the servos. notify: receives each fault once.
     """
 
     def __init__(
@@ -111,11 +111,8 @@ class BusState(Enum):
 
 
 class DynamixelBus:
-    """All buses of a robot. Each cycle sends on every port before it waits on any.
-
-    A port that is gone raises BusError. Torque comes on by a ramp, and only if all servos were found and provisioned.
-    notify: receives notes.
-    """
+    """All buses of a robot. Each cycle sends on every port before it waits on any. Torque comes on by a ramp, after all
+    servos were found and provisioned. notify: receives notes."""
 
     def __init__(
         self,
@@ -131,9 +128,7 @@ class DynamixelBus:
         servos = list(enumerate(joint_map.servos))
         placed = [(bus, [(index, servo) for index, servo in servos if servo.bus == bus.name]) for bus in buses]
         self.lines = tuple(BusLine(bus, make_port(bus), own) for bus, own in placed if own)
-        """Each bus with its port."""
         self.imu = None if imu is None else CyclicImu(imu, self.lines, make_port, notify)
-        """The IMU read with the servos; None without one."""
         self._readings: Readings
         self._goals: TickArray | None = None
         self._only_read = False  # since the last goals that drive servos
@@ -147,7 +142,7 @@ class DynamixelBus:
         return sum(line.cyclic.errors.retries for line in self.lines)
 
     def open(self) -> None:
-        """Open the ports, examine every servo, write the profile's values. Torque stays as it is.
+        """Open the ports, examine every servo, write the profile's values.
 
         Raises BusError with all problems of all ports, before any servo is written. If a servo refuses a value, the
         message lists what others have taken.
@@ -181,8 +176,8 @@ class DynamixelBus:
         self._state = BusState.OPEN
 
     def read(self) -> ServoStates:
-        """Run one cycle of all ports. It waits for the IMU from the second consecutive read without goals on: the first
-        may be the posture to hold, which must not be delayed."""
+        """Run one cycle of all ports. It waits for the IMU from the second consecutive read without goals on, since the
+        first may be the posture to hold."""
         self._require_open("read")
         request, self._only_read = self._only_read, True
         return self._cycle(request_imu=request)
@@ -202,8 +197,7 @@ class DynamixelBus:
             self._only_read = False
 
     def limit_drive(self, share: float) -> None:
-        """Limit the drive of servos with torque, one packet per port. Raises BusError when closed, or when a port is
-        gone."""
+        """Limit the drive of servos with torque, one packet per port."""
         self._require_open("limit_drive")
         self._finish_imu()
         driven = self._readings.driven
@@ -211,7 +205,7 @@ class DynamixelBus:
             drive.limit(share, driven)
 
     def torque(self, on: bool) -> None:
-        """Switch the torque of all servos. It rises within half a second. Raises BusError, see `ServoBus`."""
+        """See `ServoBus`. Torque rises within half a second."""
         self._require_open("torque")
         self._only_read = False
         if not on:
@@ -231,8 +225,7 @@ class DynamixelBus:
             raise
 
     def close(self) -> None:
-        """Switch off torque that this bus switched on, then close the ports. Raises BusError for servos that do not
-        confirm."""
+        """See `ServoBus`."""
         if self._state is BusState.CLOSED:
             return
         try:
@@ -296,7 +289,7 @@ class DynamixelBus:
             self.imu.finish()
 
     def _cycle_of_all(self) -> ServoStates:
-        """Run up to FIRST_CYCLES cycles until all servos answer in one. Return the last states."""
+        """Run up to FIRST_CYCLES cycles until all servos answer in one."""
         states = self._cycle()
         for _ in range(FIRST_CYCLES - 1):
             if states.complete:
@@ -338,7 +331,7 @@ class DynamixelBus:
             )
 
     def _watch_rise(self) -> None:
-        """Run a cycle while torque rises. Raises BusError for a servo with an error or without torque."""
+        """Run a cycle. Raises BusError for a servo with an error or without torque."""
         states = self._cycle()
         wrong = np.flatnonzero(states.alert.astype(bool) | ~states.driven)
         if wrong.size:
@@ -347,7 +340,6 @@ class DynamixelBus:
             raise BusError("torque did not come up", where="bus", found=", ".join(names))
 
     def _torque_off(self) -> None:
-        """Switch torque off on all servos, also after a failure of one. Raises BusError."""
         unsure = off_everywhere({line: line.servos for line in self.lines})
         self._readings.drive[:] = ReportedTorque.OFF
         if unsure:
@@ -408,7 +400,7 @@ class BusWatch:
         return float(low), float(high)
 
     def read(self) -> ServoStates:
-        """Run one cycle with voltage and temperature. Raises BusError when a port is gone."""
+        """Run one cycle with voltage and temperature."""
         begun = self._lines[0].port.now()
         look = begun >= self._looked + TORQUE_PERIOD
         self._looked = begun if look else self._looked

@@ -19,8 +19,7 @@ class Span(NamedTuple):
 
 
 def needed_ticks(joint_map: JointMap) -> dict[str, Span]:
-    """Return the goal ticks within the joints' limits, by joint. A servo refuses goals beyond its own limits without an
-    answer."""
+    """Return the goal ticks within the joints' limits, by joint. A servo ignores goals beyond its own limits."""
     first, last = joint_map.tick_limits()
     spans = map(Span, first.tolist(), last.tolist())
     return dict(zip(joint_map.joints, spans, strict=True))
@@ -88,10 +87,8 @@ def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) 
 
 
 def profile_values(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) -> dict[str, int]:
-    """Return the counts, by EEPROM register, that the profile requires, more than opening a bus writes by itself.
-
-    Id, speed, return delay and harmless bits are excluded. needed: see `needed_ticks`.
-    """
+    """Return the counts, by EEPROM register, that the profile requires, without id, speed and return delay. needed: see
+    `needed_ticks`."""
     named = {one.register.name: one.value for one in eeprom_settings(servo, bus, image.table)}
     values = {name: value for name, value in named.items() if name not in OWN_OPTION}
     for _, counts in _corrections(servo, image, needed):

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 from fastcrc.crc16 import umts
 
 BROADCAST = 0xFE
-"""Id of all devices on the line."""
+"""Id of all devices."""
 MAX_ID = 252
-"""Highest id of a device in protocol 2.0 (1.0: 253)."""
+"""Highest device id in protocol 2.0 (1.0: 253)."""
 STATUS = 0x55
 """Instruction code of a status frame, protocol 2.0."""
 ALERT = 0x80
@@ -70,11 +70,8 @@ class Error1(IntFlag):
 
 
 class WireFrame(NamedTuple):
-    """One valid frame, without stuffing.
-
-    code: the instruction, or STATUS (2.0), or the error byte of a 1.0 status, since a 1.0 frame does not show its
-    sender. params: the bytes up to the CRC or checksum (2.0 status: error byte, then data).
-    """
+    """One valid frame, without stuffing. code: the instruction, or STATUS (2.0), or the error byte of a 1.0 status.
+    params: up to the CRC or checksum."""
 
     id: int
     code: int
@@ -90,7 +87,7 @@ class Status(NamedTuple):
 
 
 class Codec(ABC):
-    """Frames of one protocol. Methods that build a frame raise ValueError for an impossible id, address or length."""
+    """Frames of one protocol. Raises ValueError for an impossible id, address or length."""
 
     WIDTH: int
     """Bytes of an address and of a length."""
@@ -106,7 +103,7 @@ class Codec(ABC):
         """Return a whole frame. code: the instruction."""
 
     def ping(self, device: int) -> bytes:
-        """Ping. In protocol 2.0 all devices answer a broadcast, in order of their ids."""
+        """Ping. All 2.0 devices answer a broadcast, in order of their ids."""
         return self.frame(device, Instruction.PING)
 
     def read(self, device: int, address: int, length: int) -> bytes:
@@ -144,7 +141,7 @@ class Codec(ABC):
 
 
 class Protocol1(Codec):
-    """Frames of Protocol 1.0 (e-Manual)."""
+    """Protocol 1.0 (e-Manual)."""
 
     HEADER = b"\xff\xff"
     OVERHEAD = 4
@@ -163,45 +160,45 @@ class Protocol1(Codec):
         return self.HEADER + content + bytes((~sum(content) & 0xFF,))  # checksum: the inverted sum
 
     def status(self, device: int, error: int = 0, data: bytes = b"") -> bytes:
-        """Return the status frame of one device."""
+        """Return the status frame of a device."""
         return self.frame(device, error, data)
 
     def status_of(self, received: WireFrame) -> Status | None:
-        """Read a frame as a status. A 1.0 frame does not show whether it is one."""
+        """Return a frame as a status, which 1.0 does not mark."""
         return Status(received.id, received.code, received.params)
 
     def bulk_read(self, items: Iterable[tuple[int, int, int]]) -> bytes:
-        """Read registers (id, address, length) of several MX devices, which answer in order with one status each."""
+        """Read registers (id, address, length) of several MX devices, which answer in order."""
         params = b"\x00" + b"".join(
             bytes((length, *self.members([device]), address)) for device, address, length in items
         )
         return self.frame(BROADCAST, Instruction.BULK_READ, params)
 
     def parser(self) -> "Parser":
-        """Return a parser. The checksum is one byte, so one of 256 damaged frames passes."""
+        """Return a parser. The checksum passes one of 256 damaged frames."""
         return Parser(_scan1)
 
 
 class Protocol2(Codec):
-    """Protocol 2.0. Byte stuffing turns FF FF FD into FF FF FD FD, so that no header appears in a body (instruction to
-    last parameter)."""
+    """Protocol 2.0. Byte stuffing (FF FF FD becomes FF FF FD FD) keeps headers out of a body (instruction to last
+    parameter)."""
 
     HEADER = b"\xff\xff\xfd\x00"
     OVERHEAD = 7
     """Bytes before those that LEN counts."""
     STATUS_BYTES = 11
     MAX_LENGTH = 8192
-    """Longest frame body (LEN) that is built or accepted."""
+    """Longest frame body (LEN) built or accepted."""
     PATTERN = b"\xff\xff\xfd"
     STUFFED = b"\xff\xff\xfd\xfd"
     WIDTH, MOST_MEMBERS = 2, MAX_ID
 
     def stuff(self, body: bytes) -> bytes:
-        """Stuff the body of a frame: FD after each FF FF FD (e-Manual, Protocol 2.0)."""
+        """Stuff the body of a frame."""
         return body.replace(self.PATTERN, self.STUFFED) if self.PATTERN in body else body
 
     def unstuff(self, body: bytes) -> bytes:
-        """Remove the bytes that `stuff` has added."""
+        """Undo `stuff`."""
         return body.replace(self.STUFFED, self.PATTERN) if self.STUFFED in body else body
 
     def frame(self, device: int, code: int, params: bytes = b"") -> bytes:
@@ -216,23 +213,22 @@ class Protocol2(Codec):
         return out + umts(out, 0).to_bytes(2, "little")
 
     def status(self, device: int, error: int = 0, data: bytes = b"") -> bytes:
-        """Return the status frame of one device."""
+        """Return the status frame of a device."""
         return self.frame(device, STATUS, bytes((error,)) + data)
 
     def status_of(self, received: WireFrame) -> Status | None:
-        """Return the status of one device; None for an instruction, such as an echo, and for a fast reply, which holds
-        several."""
+        """Return the status of one device; None for an instruction or a fast reply."""
         if received.code != STATUS or not received.params or received.id == BROADCAST:
             return None
         return Status(received.id, received.params[0], received.params[1:])
 
     def sync_read(self, address: int, length: int, ids: Iterable[int], *, fast: bool = False) -> bytes:
-        """Read the same registers of several devices: one status frame each, or (fast) one for all."""
+        """Read the same registers of several devices: a status each, or (fast) one for all."""
         code = Instruction.FAST_SYNC_READ if fast else Instruction.SYNC_READ
         return self.frame(BROADCAST, code, self.number(address) + self.number(length) + self.members(ids))
 
     def parser(self) -> "Parser":
-        """Return a parser of a stream of bytes."""
+        """Return a parser."""
         return Parser(_scan2)
 
 
@@ -242,8 +238,8 @@ CODECS: dict[int, Protocol1 | Protocol2] = {1: protocol1, 2: protocol2}
 
 
 class ScanResult(NamedTuple):
-    """Result of a scan. used: bytes of all `frames`. at: where an incomplete frame may begin, or the end. clear: bytes
-    from there without a second header, which need no second scan."""
+    """used: bytes of all `frames`. at: start of an incomplete frame, or the end. clear: bytes from there without a
+    second header."""
 
     frames: list[WireFrame]
     used: int
@@ -256,8 +252,8 @@ Scan = Callable[[bytes, int], ScanResult]
 
 
 class Parser:
-    """Incremental parser of one protocol. Frames depend on the bytes alone, not on their pieces. Between calls it holds
-    less than one frame."""
+    """Incremental parser of one protocol. It holds less than one frame, and its frames do not depend on the pieces in
+    which bytes come."""
 
     def __init__(self, scan: Scan) -> None:
         self._scan = scan
@@ -273,7 +269,7 @@ class Parser:
         self.pending, self._clear = b"", 0
 
     def feed(self, data: bytes | bytearray) -> list[WireFrame]:
-        """Return all frames that `data` completes, in order."""
+        """Return the frames that `data` completes."""
         buffer = self.pending + data
         frames, used, at, self._clear = self._scan(buffer, self._clear)
         self.skipped += at - used
@@ -281,8 +277,7 @@ class Parser:
         return frames
 
     def flush(self) -> list[WireFrame]:
-        """Return the frames inside an unfinished one, whose length was damaged, once the line is silent. Nothing stays
-        pending."""
+        """Return the frames inside an unfinished one, whose length was damaged, once the line is silent."""
         frames: list[WireFrame] = []
         while self.pending:
             behind = self.pending[1:]
@@ -297,11 +292,8 @@ _CRC = Struct("<H").unpack_from
 
 
 def _scan2(buffer: bytes, clear: int) -> ScanResult:
-    """Scan for frames of protocol 2.0.
-
-    Stuffing keeps headers out of a body, so one inside ends a broken frame at once. A fast status is not stuffed, so
-    only its length shows where it ends.
-    """
+    """Scan for 2.0 frames. Stuffing keeps headers out of a body, so one inside ends a broken frame. A fast status is
+    not stuffed, so only its length shows its end."""
     header, overhead = protocol2.HEADER, protocol2.OVERHEAD
     frames: list[WireFrame] = []
     used, begin, size = 0, 0, len(buffer)
@@ -333,7 +325,7 @@ def _scan2(buffer: bytes, clear: int) -> ScanResult:
 
 
 def _scan1(buffer: bytes, _clear: int) -> ScanResult:
-    """Scan for frames of protocol 1.0. A body may hold any bytes, so only its length shows where a frame ends."""
+    """Scan for 1.0 frames. A body may hold any bytes, so only its length shows its end."""
     header, overhead = protocol1.HEADER, protocol1.OVERHEAD
     frames: list[WireFrame] = []
     used, begin, size = 0, 0, len(buffer)
@@ -357,7 +349,7 @@ def _scan1(buffer: bytes, _clear: int) -> ScanResult:
 
 
 def _tail(buffer: bytes, begin: int, header: bytes) -> int:
-    """Return the start of the longest header prefix that ends `buffer`, not before `begin`."""
+    """Return the start of a header prefix that ends `buffer`."""
     size = len(buffer)
     for count in range(len(header) - 1, 0, -1):
         if size - begin >= count and buffer.endswith(header[:count]):
@@ -368,13 +360,13 @@ def _tail(buffer: bytes, begin: int, header: bytes) -> int:
 # The one reply of a Fast Sync or Fast Bulk Read, part by part: the parts before a gap are valid.
 
 BEFORE_PARTS = 8
-"""Bytes before the first part of a fast reply: header, id, LEN, instruction."""
+"""Bytes of a fast reply before its parts: header, id, LEN, instruction."""
 PART_OVERHEAD = 4
-"""Bytes of a part in addition to its data: error, id, CRC."""
+"""Bytes of a part beyond its data: error, id, CRC."""
 
 
 def fast_length(sizes: Sequence[int]) -> int:
-    """Return the bytes of a fast reply whose parts have these numbers of data bytes."""
+    """Return the length of a fast reply for these data bytes per part."""
     return BEFORE_PARTS + sum(sizes) + PART_OVERHEAD * len(sizes)
 
 
@@ -385,10 +377,10 @@ def fast_start(sizes: Sequence[int]) -> bytes:
 
 
 def valid_parts(reply: bytes, sizes: Sequence[int]) -> list[Status]:
-    """Return the parts of a fast reply, up to the first incomplete or damaged one.
+    """Return the parts of a fast reply, from its header on, up to the first incomplete or damaged one. sizes: data
+    bytes per part.
 
-    reply: from its header on. sizes: data bytes of each part. Each part's CRC covers everything before it, earlier CRCs
-    included (e-Manual, Fast Sync Read).
+    Each part's CRC covers everything before it, earlier CRCs included (e-Manual, Fast Sync Read).
     """
     if not reply.startswith(fast_start(sizes)):
         return []
@@ -408,7 +400,7 @@ def valid_parts(reply: bytes, sizes: Sequence[int]) -> list[Status]:
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """Answers of k servos: ids in the order of arrival; error bytes (k); data, concatenated (k * size)."""
+    """Answers of k servos: ids in the order of arrival; error bytes (k); data (k * size)."""
 
     ids: tuple[int, ...] = ()
     errors: bytes = b""
@@ -440,8 +432,8 @@ LAYOUTS = 512
 
 
 class _Layout(NamedTuple):
-    """Layout of a fast reply. length: of the whole reply. unpack: splits it into its start, and error byte, id, data
-    and CRC of each servo. begins: its start. summed: the bytes that each CRC adds to the one before."""
+    """Layout of a fast reply. unpack: splits it into its start, and error byte, id, data and CRC of each servo. begins:
+    its start. summed: the bytes that each CRC adds to the one before."""
 
     length: int
     unpack: Callable[[bytes], tuple[Any, ...]]
@@ -450,11 +442,8 @@ class _Layout(NamedTuple):
 
 
 def whole_reply(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None:
-    """Return the answers of all `ids` to a Fast Sync Read of `size` bytes; None for an incomplete or damaged reply, or
-    if a servo refuses.
-
-    Each part's CRC covers everything before it, earlier CRCs included (e-Manual, Fast Sync Read).
-    """
+    """Return the answers of all `ids` to a Fast Sync Read of `size` bytes; None if incomplete, damaged or refused. See
+    `valid_parts`."""
     length, unpack, begins, summed = _layout(ids, size)
     if len(reply) != length:
         return None

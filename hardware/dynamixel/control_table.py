@@ -12,12 +12,11 @@ from hardware.servo import Layout, find_model
 
 @dataclass(frozen=True)
 class Register:
-    """`size` bytes at `address`, little-endian. One count is `scale` of the SI `unit`; both None for plain counts.
+    """`size` bytes at `address`, little-endian. One count is `scale` of the SI `unit`, if any.
 
-    A signed register holds two's complement, or sign and magnitude if it has a `direction_bit` (speeds and loads of the
-    older layout: set is clockwise, hence negative). bits: meaning of each bit from the lowest on, for hardware errors
-    that are numbered in another order. lowest, highest: widest writable range, counts; None: unlimited. initial:
-    default, counts; None if the servo measures it at start.
+    A signed register holds two's complement, or with a `direction_bit` sign and magnitude (older layout: set is
+    clockwise, hence negative). bits: meaning of each bit, for errors numbered in another order. lowest, highest: widest
+    writable range, counts. initial: default, counts; None if measured at start.
     """
 
     name: str
@@ -53,7 +52,7 @@ class Register:
         return (1 << (8 * self.size - self.signed)) - 1
 
     def decode(self, data: bytes) -> int:
-        """Return the counts in `data`. Raises ValueError for another length than `size`."""
+        """Return the counts in `data`. Raises ValueError for another length."""
         if len(data) != self.size:
             raise ValueError(f"{self.name} has {self.size} bytes, not {len(data)}")
         if self.bits:
@@ -97,10 +96,9 @@ _NOTHING = "none"
 class ControlTable:
     """Registers of one model, ascending by address, for firmware `firmware[0]` to `firmware[1]`.
 
-    number: content of the model number register. fast_since: first firmware with Fast Sync Read and Fast Bulk Read.
-    modes: operating modes (none in the older layout). usual_firmware: version of an emulated servo. baud_family: names
-    the codes of the baud rate register. layers: of rows that make the registers; a row of `models.tsv` has no registers
-    yet.
+    number: model number. fast_since: first firmware with Fast Sync Read. usual_firmware: of an emulated servo.
+    baud_family: of the codes of the baud rate register. layers: of rows that make the registers; a row of `models.tsv`
+    has no registers yet.
     """
 
     model: str
@@ -116,13 +114,12 @@ class ControlTable:
 
     @property
     def fast_read(self) -> bool:
-        """True if it supports Fast Sync Read and Fast Bulk Read."""
+        """True if it supports Fast Sync Read."""
         return self.fast_since is not None and self.firmware[0] >= self.fast_since
 
     @property
     def eeprom_end(self) -> int:
-        """First address of the RAM area, which begins with Torque Enable (e-Manual, all models). A device that is no
-        servo has none."""
+        """First address of the RAM area, which begins with Torque Enable (e-Manual, all models)."""
         return self["torque_enable"].address if self.has("torque_enable") else self.size
 
     @property
@@ -156,12 +153,12 @@ class ControlTable:
 
     @property
     def p_gain(self) -> Register | None:
-        """Register of the position P gain; None for a loop without one (AX-12A)."""
+        """Register of the position P gain; None without one (AX-12A)."""
         return self._by_name.get("p_gain" if self.layout is Layout.OLDER else "position_p_gain")
 
 
 def rows_of(file: str) -> Iterator[dict[str, str]]:
-    """Yield the rows of a file in `tables/` by column. Lines that begin with # are remarks."""
+    """Yield the rows of a file in `tables/` by column, without remarks (#)."""
     with (_FOLDER / file).open(encoding="utf-8", newline="") as stream:
         lines = (line for line in stream if not line.startswith("#"))
         for row in csv.DictReader(lines, delimiter="\t", quoting=csv.QUOTE_NONE, restval=""):
@@ -170,7 +167,7 @@ def rows_of(file: str) -> Iterator[dict[str, str]]:
 
 @cache
 def model_rows() -> tuple[ControlTable, ...]:
-    """Return every model, in the order of the file."""
+    """Return every model."""
     return tuple(
         ControlTable(
             model=row["model"],
@@ -188,7 +185,7 @@ def model_rows() -> tuple[ControlTable, ...]:
 
 @cache
 def layer_rows() -> dict[str, list[dict[str, str]]]:
-    """Return the rows of every layer, by its name: the filled cells by column."""
+    """Return the rows of every layer: filled cells by column."""
     layers: dict[str, list[dict[str, str]]] = {}
     for file in ("registers.tsv", "values.tsv"):
         for row in rows_of(file):
@@ -198,14 +195,14 @@ def layer_rows() -> dict[str, list[dict[str, str]]]:
 
 
 def _rows(model: ControlTable) -> Iterator[tuple[int, int, dict[str, str]]]:
-    """Yield the rows of a model's layers in order: first and last firmware, and cells."""
+    """Yield first and last firmware and cells of a model's rows, in order."""
     for layer in model.layers:
         for row in layer_rows()[layer]:
             yield int(row.get("since", 0)), int(row.get("until", LAST_FIRMWARE)), row
 
 
 def firmware_starts(model: ControlTable) -> tuple[int, ...]:
-    """Return the firmware versions at which the model's table changes, ascending from 0."""
+    """Return the firmware versions at which the table changes, ascending from 0."""
     starts = {0, model.fast_since or 0}
     for since, until, _ in _rows(model):
         starts |= {since, until + 1}
@@ -224,7 +221,6 @@ def registers_of(model: ControlTable, firmware: int) -> tuple[Register, ...]:
 
 
 def _registers(name: str, cells: dict[str, str]) -> Iterator[Register]:
-    """Yield the registers of one row, as many as the brackets of its name give."""
     stem, _, span = name.partition("[")
     first, last = (int(end) for end in span.rstrip("]").split(":")) if span else (0, 0)
     filled = {column: cell for column, cell in cells.items() if cell != _NOTHING}
@@ -259,10 +255,8 @@ def tables() -> tuple[ControlTable, ...]:
 
 
 def find_table(model: str, protocol: int, firmware: int | None = None) -> ControlTable:
-    """Return the table of a model (a name in `hardware.servo`) for `firmware` (0 to 255; None: a usual one).
-
-    Raises HardwareError for an unknown model, or a protocol that it does not support.
-    """
+    """Return the table of a model for `firmware` (0 to 255; None: a usual one). Raises HardwareError for an unknown
+    model or protocol."""
     name = find_model(model).name
     rows = {row.protocol: row for row in model_rows() if row.model == name}
     row = rows.get(protocol)
@@ -282,7 +276,7 @@ def table_of_number(number: int, firmware: int | None = None) -> ControlTable | 
 
 
 def usual_table(protocol: int) -> ControlTable:
-    """Return the most common table of a protocol, for servos of unknown models."""
+    """Return the most common table of a protocol."""
     return find_table({1: "MX-28", 2: "XM430-W350"}[protocol], protocol)
 
 
@@ -293,7 +287,6 @@ def _table_at(row: ControlTable, firmware: int | None) -> ControlTable:
 
 @cache
 def _table(row: ControlTable, first: int) -> ControlTable:
-    """Return the table of the firmware range that begins at `first`."""
     later = [start for start in firmware_starts(row) if start > first]
     last = min(later) - 1 if later else LAST_FIRMWARE
     usual = min(max(row.usual_firmware, first), last)
@@ -303,7 +296,7 @@ def _table(row: ControlTable, first: int) -> ControlTable:
 DIVIDED_BAUD = 2_000_000
 """[bits/s] Protocol 1.0: divided by the code of the baud rate register + 1."""
 DIVIDED_TOLERANCE = 0.01
-"""Tolerated share of such a rate. A UART tolerates about 3 %, both ends together."""
+"""Tolerated share of the rate. A UART tolerates about 3 %, both ends together."""
 
 
 @cache
@@ -328,7 +321,7 @@ def fastest_baud(table: ControlTable) -> int:
 
 
 def code_of(table: ControlTable, baud: int) -> int | None:
-    """Return the code of `baud` bits/s, or None. A divided rate may differ by DIVIDED_TOLERANCE."""
+    """Return the code of `baud` bits/s within DIVIDED_TOLERANCE, or None."""
     register = table["baud_rate"]
     for code, listed in _listed(table.baud_family).items():
         if listed == baud and register.allows(code):

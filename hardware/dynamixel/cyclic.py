@@ -2,8 +2,7 @@
 rate.
 
 A missing servo silences those that answer after it, so it is asked last from the next request on. After LOST_AFTER
-cycles it is left out, and probed every PROBE_PERIOD. On a silent line the cycle is short, and the next one asks all
-servos again.
+cycles it is left out, and probed every PROBE_PERIOD.
 """
 
 from collections import deque
@@ -44,11 +43,11 @@ from hardware.servo import Layout, ServoSpec
 # Group reads of several servos. Unlike in the SDK, each answer counts by itself, with its error byte.
 
 TURNAROUND = 100e-6
-"""[s] Time that a servo may need, beyond its return delay, before it answers."""
+"""[s] Time before an answer, beyond the return delay."""
 HOST_SLACK = 1e-3
-"""[s] Possible delay of this machine or the adapter's driver."""
+"""[s] Possible delay of this machine or the driver."""
 MAX_IDS = 100
-"""Servos per request, so that their answers fit any adapter's buffer."""
+"""Servos per request, whose answers fit any adapter's buffer."""
 
 
 class Timeouts(NamedTuple):
@@ -66,14 +65,14 @@ class ReadKind(Enum):
     SYNC = "sync read"
     BULK1 = "bulk read, protocol 1.0"
     SINGLE1 = "read, protocol 1.0"
-    """One servo that supports no group read."""
+    """One servo, of a model without group reads."""
     SINGLE2 = "read, protocol 2.0"
-    """One device that is no servo."""
+    """A device that is no servo."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReadRequest:
-    """A request for `size` bytes from `address` of each of the servos `ids`, in this order."""
+    """A request for `size` bytes from `address` of the servos `ids`, in this order."""
 
     kind: ReadKind
     ids: tuple[int, ...]
@@ -82,7 +81,7 @@ class ReadRequest:
 
     @property
     def protocol(self) -> int:
-        """Protocol of the request and its answers."""
+        """Protocol, 1 or 2."""
         return 1 if self.kind in (ReadKind.BULK1, ReadKind.SINGLE1) else 2
 
     def packet(self) -> bytes:
@@ -103,7 +102,7 @@ class ReadRequest:
         return count * (overhead + self.size)
 
     def timeouts(self, port: BytePort, return_delay: float) -> Timeouts:
-        """Return the timeouts of the answers. return_delay: of each servo, s."""
+        """Return the timeouts. return_delay: of each servo, s."""
         sending, coming = (10 * count / port.baud for count in (len(self.packet()), self.bytes_of(len(self.ids))))
         pause = return_delay + TURNAROUND
         # An adapter may hand over an answer in one piece, when it is whole.
@@ -112,7 +111,7 @@ class ReadRequest:
         return Timeouts(sending + idle, idle, sending + coming + waits * pause + idle)
 
     def answers(self, received: bytes) -> Answers:
-        """Return the valid answers in the bytes received so far, each servo at most once."""
+        """Return the valid answers in the bytes so far, one per servo."""
         if self.kind is ReadKind.FAST:
             return whole_reply(received, self.ids, self.size) or side_by_side(self._parts(received))
         found: dict[int, Status] = {}
@@ -129,8 +128,8 @@ class ReadRequest:
         return side_by_side(list(found.values()))
 
     def _parts(self, received: bytes) -> list[Status]:
-        """Return the valid parts of a fast reply in any order, since the answer to an earlier, differently ordered
-        request may come. Every header is tried: an echo or a stale answer may precede it."""
+        """Return the valid parts of a fast reply in any order, since that to an earlier request may come. Every header
+        is tried: an echo or a stale answer may precede it."""
         best: list[Status] = []
         at = received.find(protocol2.HEADER)
         while at >= 0 and len(best) < len(self.ids):
@@ -146,17 +145,14 @@ def _refused(status: Status) -> bool:
 
 
 class Received(NamedTuple):
-    """Valid answers, and True if there were other bytes: a damaged answer."""
+    """Valid answers. noise: there were other bytes, of a damaged answer."""
 
     answers: Answers
     noise: bool
 
 
 def collect(port: BytePort, request: ReadRequest, sent: float, timeouts: Timeouts) -> Received:
-    """Receive the answers to a request sent at `sent`, s, until they are complete or the line is silent.
-
-    Raises BusError when the port is gone.
-    """
+    """Receive the answers to a request sent at `sent`, s, until they are complete or the line is silent."""
     received, enough = b"", request.bytes_of(len(request.ids))
     end = sent + timeouts.whole
     deadline = min(sent + timeouts.first, end)
@@ -190,8 +186,7 @@ def _without_echo(received: bytes, request: ReadRequest) -> bytes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """Adjacent registers, `size` bytes from `address`. dtype: the registers by name, little-endian, at their
-    offsets."""
+    """Adjacent registers, `size` bytes from `address`. dtype: of the registers by name, at their offsets."""
 
     address: int
     size: int
@@ -203,12 +198,12 @@ class Block:
         return self.address, self.dtype
 
     def unpack(self, answers: Answers) -> NDArray[np.void]:
-        """Return a row (k,) of named values for each answer."""
+        """Return a row (k,) of named values per answer."""
         return np.frombuffer(answers.data, dtype=self.dtype)
 
 
 def block_of(table: ControlTable, first: str, last: str) -> Block:
-    """Return the registers of a table from `first` to `last`. Raises HardwareError for a missing one."""
+    """Return the registers from `first` to `last`. Raises HardwareError for a missing one."""
     begin, end = table[first], table[last]
     inside = [register for register in table.registers if begin.address <= register.address <= end.address]
     size = end.address + end.size - begin.address
@@ -223,7 +218,7 @@ def block_of(table: ControlTable, first: str, last: str) -> Block:
 
 @dataclass(frozen=True, slots=True)
 class Wired:
-    """One servo on a port: its index in servo order, its id, its control table."""
+    """A servo on a port: its index in servo order, its id, its control table."""
 
     index: int
     id: int
@@ -242,8 +237,7 @@ class GoalPacket:
         self._span = self._codec.number(address) + self._codec.number(size)
 
     def packet(self, ticks: NDArray[np.int64], driven: BoolArray) -> bytes:
-        """Return the packet for goals (n,) of the whole robot, ticks; empty without servos. driven (n,): servos with
-        torque."""
+        """Return the packet for goals (n,) of the whole robot, ticks, or b"". driven (n,): servos with torque."""
         rows = self._rows
         rows["goal"] = ticks[self._columns]
         if self._wakes:
@@ -252,7 +246,7 @@ class GoalPacket:
 
 
 def goal_packets(servos: Sequence[Wired]) -> list[GoalPacket]:
-    """Return one packet for each place of a goal register."""
+    """Return a packet per place of a goal register."""
     places: dict[tuple[int, int, int, bool], list[Wired]] = {}
     for servo in servos:
         goal, wakes = servo.table["goal_position"], servo.table.layout is Layout.OLDER
@@ -263,7 +257,7 @@ def goal_packets(servos: Sequence[Wired]) -> list[GoalPacket]:
 RETRIES = 3
 """Repetitions of an unanswered request within a cycle."""
 MOST_UNANSWERED = 3
-"""Unanswered requests after which a cycle without any byte ends, so that silence does not delay the next cycle."""
+"""Unanswered requests after which a cycle without any byte ends."""
 LOST_AFTER = 3
 """Silent cycles after which a servo is no longer asked in every cycle."""
 PROBE_PERIOD = 0.1
@@ -291,8 +285,8 @@ class Group:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transaction:
-    """One request that is due, for a group's values or (names None) for a servo's status. columns: of its servos in
-    servo order. again: the block to request after a missing answer."""
+    """A due request, for a group's values or (names None) for a servo's status. columns: in servo order. again: the
+    block requested after a missing answer."""
 
     request: ReadRequest
     columns: NDArray[np.int64]
@@ -305,7 +299,7 @@ class Transaction:
 
 
 class Wire:
-    """Sends on one port. requested_at: when the last request began to be on the wire, s."""
+    """Sends on one port. requested_at: start of the last request on the wire, s."""
 
     def __init__(self, port: BytePort) -> None:
         self.port = port
@@ -314,18 +308,18 @@ class Wire:
         self._noisy_until = -np.inf  # [s]
 
     def post(self, packet: bytes) -> None:
-        """Send a packet without an answer. Raises BusError."""
+        """Send a packet without an answer."""
         self.port.write(packet)
         self._free = max(self.port.now(), self._free) + 10 * len(packet) / self.port.baud
 
     def post_goals(self, packet: bytes) -> None:
-        """Send goals, twice after a damaged answer, since no answer would show a lost goal. Raises BusError."""
+        """Send goals, twice after a damaged answer, since no answer would show a lost goal."""
         self.post(packet)
         if self.port.now() < self._noisy_until and 10 * len(packet) / self.port.baud < TWICE_WITHIN:
             self.post(packet)
 
     def request(self, packet: bytes) -> None:
-        """Send a request. Raises BusError."""
+        """Send a request."""
         self.port.drop()
         self.port.write(packet)
         self.requested_at = max(self.port.now(), self._free)  # goals may still be on the wire
@@ -336,11 +330,8 @@ class Wire:
 
 
 class MissingServos:
-    """The silent servos of a port. ids: all its servos.
-
-    strikes: consecutive cycles without an answer, by id. first: ids that were the first silent one of a request in this
-    cycle.
-    """
+    """The silent servos of a port. strikes: consecutive silent cycles, by id. first: ids that were the first silent one
+    of a request in this cycle."""
 
     def __init__(self, ids: Sequence[int]) -> None:
         self._ids = tuple(ids)
@@ -353,8 +344,8 @@ class MissingServos:
         return device in self.first or device in self.strikes
 
     def late(self, now: float, cycle: int) -> list[int]:
-        """Return the silent servos to ask last in this cycle, the newest first: those not yet lost, and one lost servo
-        in turn every PROBE_PERIOD. now: s."""
+        """Return the silent servos to ask last in this cycle, the newest first: those not yet lost, and a lost one in
+        turn every PROBE_PERIOD. now: s."""
         lost = [device for device in self._ids if self.strikes.get(device, 0) >= LOST_AFTER]
         probe = None
         if lost and now >= self._probed + PROBE_PERIOD:
@@ -382,7 +373,7 @@ class MissingServos:
 
 
 class CyclicPort:
-    """The servos on one open port. return_delay: common to all, s."""
+    """The servos on one open port. return_delay: of all, s."""
 
     def __init__(self, port: BytePort, servos: Sequence[Wired], *, return_delay: float) -> None:
         self.wire = Wire(port)
@@ -404,7 +395,7 @@ class CyclicPort:
         self._transaction = lru_cache(MAX_TRANSACTIONS)(self._make_transaction)
 
     def write(self, ticks: NDArray[np.int64], driven: BoolArray) -> None:
-        """Send goals (n,) of the whole robot, ticks. driven (n,): servos with torque. Raises BusError."""
+        """Send goals (n,) of the whole robot, ticks. driven (n,): servos with torque."""
         if self._missing.strikes:  # a silent servo may have restarted
             driven = driven.copy()
             driven[[self._index_of[device] for device in self._missing.strikes]] = False
@@ -436,11 +427,11 @@ class CyclicPort:
         return bool(self._queue)
 
     def send(self) -> None:
-        """Send the next request. Raises BusError."""
+        """Send the next request."""
         self.wire.request(self._queue[0].packet)
 
     def collect(self, readings: Readings) -> None:
-        """Receive and keep the answers to the last request. Raises BusError."""
+        """Receive and keep the answers to the last request."""
         transaction = self._queue.popleft()
         answers, noise = collect(self.wire.port, transaction.request, self.wire.requested_at, transaction.timeouts)
         self._unanswered = -np.inf if answers or noise else self._unanswered + 1
@@ -465,7 +456,7 @@ class CyclicPort:
             self._enqueue(kind if len(ids) > 1 else alone, tuple(ids), block, block, None)
 
     def end(self, readings: Readings) -> None:
-        """End the cycle: count silent servos, and queue status reads of those that are back."""
+        """End the cycle: count silent servos, and request the status of those that are back."""
         if readings.complete and not self._missing.strikes:
             return
         valid = readings.valid
@@ -534,18 +525,17 @@ class CyclicPort:
 
 
 STATUS_REGISTERS = ("torque_enable", "hardware_error_status", "bus_watchdog")
-"""Registers of a servo's torque, errors and watchdog, ascending by address."""
+"""Registers of torque, errors and watchdog, ascending by address."""
 
 
 def kind_of(table: ControlTable) -> ReadKind:
-    """Return the instruction that reads servos with this table together."""
+    """Return the instruction that reads such servos together."""
     if table.protocol == 2:
         return ReadKind.FAST if table.fast_read else ReadKind.SYNC
     return ReadKind.BULK1 if table.model.startswith("MX") else ReadKind.SINGLE1
 
 
 def _groups(servos: Sequence[Wired]) -> list[Group]:
-    """Return as few groups as possible: servos of one kind with equal registers."""
     groups: dict[tuple[object, ...], Group] = {}
     for servo in servos:
         names, kind = names_of(servo.table), kind_of(servo.table)
@@ -563,8 +553,8 @@ FEWEST = 4
 
 
 class ErrorRate:
-    """Error rate of one bus. retries, spoiled: requests that were repeated, or whose answers came damaged, so far.
-    share: of bad cycles in the window."""
+    """Error rate of one bus. retries, spoiled: repeated requests, and those with damaged answers, so far. share: of bad
+    cycles in the window."""
 
     def __init__(self) -> None:
         self.retries, self.spoiled = 0, 0
@@ -574,7 +564,7 @@ class ErrorRate:
         self._bad = 0
 
     def note(self, now: float) -> int:
-        """Note a cycle that ended at `now`, s. Return the requests repeated in it."""
+        """Note a cycle that ended at `now`, s. Return its repeated requests."""
         retries, spoiled = self.retries - self._noted[0], self.spoiled - self._noted[1]
         self._noted = self.retries, self.spoiled
         bad = retries >= RETRIES and spoiled > 0
@@ -591,7 +581,8 @@ GROUP_TRIES = 3
 
 
 class BusLine:
-    """One port and the servos on it. index_of: servo order of the robot, by id."""
+    """One port and the servos on it. index_of: servo order of the robot, by id. images: registers as read last, by id.
+    seen: tables of all servos found on the bus, by id. cyclic: the exchange of every cycle."""
 
     def __init__(self, spec: BusSpec, port: BytePort, servos: Sequence[tuple[int, ServoSpec]]) -> None:
         self.spec, self.port = spec, port
@@ -599,12 +590,9 @@ class BusLine:
         self.index_of = {servo.id: index for index, servo in servos}
         self.client = OneOff(port, spec.protocol)
         self.images: dict[int, ServoImage] = {}
-        """Registers as read last, by id."""
         self.seen: dict[int, ControlTable] = {}
-        """Tables of all servos found on the bus, by id."""
         self._expected = {servo.id: find_table(servo.model.name, spec.protocol) for servo in self.servos.values()}
         self.cyclic = self._wire(self._expected)
-        """The exchange of every cycle."""
 
     @property
     def where(self) -> str:
@@ -616,7 +604,7 @@ class BusLine:
         return self.servos[device].label if device in self.servos else f"id {device}"
 
     def adopt(self, images: dict[int, ServoImage]) -> None:
-        """Use the registers as read: a servo's firmware chooses its table. Others keep the usual one."""
+        """Use the registers as read, since a servo's firmware chooses its table."""
         before = self.tables, self.longest_delay
         self.images = images
         if (self.tables, self.longest_delay) != before:
@@ -628,8 +616,7 @@ class BusLine:
         return self._expected | {device: image.table for device, image in self.images.items()}
 
     def places(self, name: str, ids: Iterable[int]) -> dict[Register, list[int]]:
-        """Return ids by the register of that name. Servos of unknown models are assumed to have the usual layout of the
-        protocol."""
+        """Return ids by the register of that name. Unknown models are assumed to have the protocol's usual layout."""
         known = self._expected | self.seen | {device: image.table for device, image in self.images.items()}
         usual, found = usual_table(self.spec.protocol), dict[Register, list[int]]()
         for device in ids:
@@ -637,19 +624,19 @@ class BusLine:
         return found
 
     def write_all(self, register: Register, values: Iterable[tuple[int, int]]) -> None:
-        """Send (id, counts) for one register, without answers. Raises BusError when the port is gone."""
+        """Send (id, counts) for one register, without answers."""
         items = [(device, register.encode(value)) for device, value in values]
         if not items:
             return
         self.cyclic.wire.post(CODECS[self.spec.protocol].sync_write(register.address, register.size, items))
 
     def read_all(self, register: Register, ids: Sequence[int]) -> dict[int, int]:
-        """Return the counts of one register by id, of those that answer. Raises BusError when the port is gone."""
+        """Return the counts of one register by id, of those that answer."""
         found = self.read_span(register.address, register.size, ids)
         return {device: register.decode(data) for device, data in found.items()}
 
     def read_span(self, address: int, size: int, ids: Sequence[int]) -> dict[int, bytes]:
-        """Return `size` bytes from `address` by id, of those that answer. Raises BusError when the port is gone."""
+        """Return `size` bytes from `address` by id, of those that answer."""
         found: dict[int, bytes] = {}
         if self.spec.protocol == 1:  # no group read that all models have
             for device in ids:
@@ -678,7 +665,7 @@ class BusLine:
 
     @property
     def longest_delay(self) -> float:
-        """Longest return delay of its servos, s: as read, else as expected."""
+        """Longest return delay of its servos, s."""
         read = [image.value("return_delay_time") * 2e-6 for image in self.images.values()]
         return max([*read, self.spec.return_delay])
 
@@ -689,10 +676,7 @@ class BusLine:
 
 def read_cycle(lines: Sequence[BusLine], readings: Readings, *, wide: bool, status: bool = False) -> None:
     """Read all servos on all ports in parallel, then the status of one servo with an alert on each bus. wide: with
-    voltage and temperature. status: read the status of all that answered.
-
-    Raises BusError when a port is gone.
-    """
+    voltage and temperature. status: of all that answered."""
     readings.begin()
     for line in lines:
         line.cyclic.begin(wide=wide)

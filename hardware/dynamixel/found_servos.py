@@ -22,7 +22,7 @@ PINGS_ONLY = "answers pings only (status return level 0)"
 
 
 def answers_pings_only(client: OneOff, device: int) -> bool:
-    """True if a servo answers a ping, but no read. Raises BusError when the port is gone."""
+    """True if a servo answers a ping, but no read."""
     try:
         client.read_block(device, 0, 2)  # the model number of every servo
     except NoAnswer as silence:
@@ -38,16 +38,14 @@ Placed = tuple[int, ServoSpec]
 PING_SLACK = 0.001
 """[s] Possible delay of an unknown id's answer to a ping."""
 LONGEST_SEARCH = 2.0
-"""[s] Bound of the search for unknown 1.0 ids: about 1 s at 1 Mbps, 1.7 s at 57,600."""
+"""[s] Bound of the search for unknown 1.0 ids. It takes 1 s at 1 Mbps, 1.7 s at 57,600."""
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """Result of a look at a bus.
-
-    silent: ids of the profile that did not answer. missing: servos that did not answer every read. unknown: servos that
-    are not in the profile, or of unknown models. wrong: findings that keep the robot from being driven. notes: others.
-    """
+    """Result of a look at a bus. silent: ids of the profile that did not answer. missing: servos that did not answer
+    every read. unknown: servos not in the profile, or of unknown models. wrong: findings that keep the robot from being
+    driven."""
 
     line: BusLine
     silent: tuple[int, ...]
@@ -58,10 +56,10 @@ class Look:
 
 
 def servos_on(line: BusLine) -> tuple[list[FoundServo], list[str]]:
-    """Return the servos that answer on an open port, by id, and notes. Raises BusError when the port is gone.
+    """Return the servos that answer on an open port, by id, and notes.
 
     2.0: one broadcast ping, received to its end, so that no late answer disturbs the next request. 1.0: each id is
-    pinged, unexpected ones once.
+    pinged.
     """
     client, expected = line.client, line.spec.ids
     if client.protocol == 2:
@@ -80,10 +78,7 @@ def servos_on(line: BusLine) -> tuple[list[FoundServo], list[str]]:
 
 
 def look_at_bus(line: BusLine) -> Look:
-    """Find and read the servos of a bus. The first missing ones are looked for at other speeds.
-
-    Raises BusError when the port is gone.
-    """
+    """Find and read the servos of a bus. The first missing ones are looked for at other speeds."""
     spec = line.spec
     found, notes = servos_on(line)
     seen = look(line, [Sighting(one, Speed(spec.protocol, spec.baud)) for one in found])
@@ -93,8 +88,7 @@ def look_at_bus(line: BusLine) -> Look:
 
 
 def look(line: BusLine, sightings: Sequence[Sighting]) -> Look:
-    """Read all servos that were found at the speed of the bus, and adopt them. Raises BusError when the port is
-    gone."""
+    """Read all servos that were found at the speed of the bus, and adopt them."""
     seen = {one.found.id: one for one in sightings}
     wrong, images = [], {}
     for device, servo in line.servos.items():
@@ -128,7 +122,7 @@ def look(line: BusLine, sightings: Sequence[Sighting]) -> Look:
 
 
 def _read(line: BusLine, servo: ServoSpec, one: Sighting) -> tuple[str, ServoImage | None]:
-    """Return the fault of a servo that answered, without its name, and its registers if they are read."""
+    """Return the fault of a servo that answered, and its registers."""
     image, wrong = None, ""
     try:
         if one.table is None:
@@ -148,7 +142,6 @@ def _read(line: BusLine, servo: ServoSpec, one: Sighting) -> tuple[str, ServoIma
 
 
 def _is_unknown(one: Sighting, line: BusLine) -> bool:
-    """True if a servo that was not read is of an unknown model, or not in the profile."""
     device = one.found.id
     if one.found.model == opencr.NUMBER:  # no servo
         return False
@@ -158,10 +151,8 @@ def _is_unknown(one: Sighting, line: BusLine) -> bool:
 
 
 def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple[BusSpec, list[Placed]]:
-    """Return a bus without a profile: the servos that answered, by id, from place `first` on.
-
-    Servos of unknown models are left out. Raises BusError for several speeds.
-    """
+    """Return a bus without a profile: the servos that answered, by id, from place `first` on. Raises BusError for
+    several speeds."""
     speeds = sorted({one.speed for one in sightings})
     if len(speeds) != 1:
         raise BusError(
@@ -197,12 +188,12 @@ def _servo(sighting: Sighting, bus: str) -> ServoSpec:
 
 
 def is_powered(client: OneOff, switch: PowerSwitch) -> bool:
-    """True if a device has the servos' power on. Raises BusError (NoAnswer, ServoError) without a valid answer."""
+    """True if a device has the servos' power on. Raises NoAnswer or ServoError."""
     return client.read_block(switch.id, switch.register, 1)[0] == switch.value
 
 
 def switch_power_on(port: BytePort, client: OneOff, switch: PowerSwitch) -> None:
-    """Switch the servos' power on, and wait for their start. Raises BusError (NoAnswer, ServoError) if that fails."""
+    """Switch the servos' power on, and wait for their start. Raises NoAnswer or ServoError."""
     register = Register("power", switch.register, 1, False, True, None, None, 0, 255, None)
     client.write(switch.id, register, switch.value, verify=True)
     port.sleep_until(port.now() + switch.wait)
@@ -211,16 +202,14 @@ def switch_power_on(port: BytePort, client: OneOff, switch: PowerSwitch) -> None
 BROADCASTS = 2
 """Repetitions of each packet, since one may be lost."""
 MARGIN = 0.002
-"""[s] Between the last byte and a change of speed, which would spoil bytes still in the adapter."""
+"""[s] Between the last byte and a change of speed."""
 
 
 def broadcast_torque_off(port: BytePort, speeds: Sequence[Speed], known: Sequence[ControlTable] = ()) -> None:
-    """Write torque off to all ids at each speed, in less than 1 s for all. No servo confirms, so the caller asks each
-    later.
+    """Write torque off to all ids at each speed, in less than 1 s for all. No servo confirms.
 
-    Only the usual tables of the protocols and the `known` ones are addressed: an OpenCR has its power switch at the
-    address of an XL-320's torque. The port is left at the last speed; impossible speeds are skipped. Raises BusError
-    when the port is gone.
+    Only the usual tables of the protocols and the `known` ones are addressed, since an OpenCR has its power switch at
+    the address of an XL-320's torque. Impossible speeds are skipped.
     """
     for speed in speeds:
         if speed_refused(port, speed.baud):

@@ -63,8 +63,7 @@ class Sighting:
 
 @dataclass(frozen=True)
 class LineScan:
-    """Result of a scan. sightings: by speed and id. skipped: reasons why speeds could not be tried. echoes: the adapter
-    returns what is sent."""
+    """sightings: by speed and id. skipped: reasons of untried speeds. echoes: the adapter returns what is sent."""
 
     sightings: tuple[Sighting, ...]
     tried: tuple[Speed, ...]
@@ -83,8 +82,7 @@ def all_speeds(
 
 
 def likely_speeds(speeds: Sequence[Speed]) -> list[Speed]:
-    """Return the speeds of a quick scan: the first and the likely ones, protocol 2.0 first, since one ping finds all
-    its servos."""
+    """Return the speeds of a quick scan: the first, and the likely ones, 2.0 first."""
     found = [speed for speed in speeds if speed == speeds[0] or speed.baud in LIKELY]
     return sorted(found, key=lambda one: (one != speeds[0], PROTOCOLS.index(one.protocol)))
 
@@ -106,11 +104,8 @@ def scan_line(
     progress: Callable[[int], object] = lambda done: None,
     on_found: Callable[[Sighting], object] = lambda seen: None,
 ) -> LineScan:
-    """Look for `ids` (None: all) at each speed of an open port, which is left at the last one.
-
-    progress: called with the number of finished speeds. on_found: called with each servo as it is found. Impossible
-    speeds are skipped. Raises BusError when the port is gone.
-    """
+    """Look for `ids` (None: all) at each speed of an open port. progress: called with the number of finished speeds.
+    on_found: called with each servo. Impossible speeds are skipped."""
     expected = None if ids is None else sorted(set(ids))
     return _scan(port, speeds, lambda client: _found(client, expected), progress, on_found)
 
@@ -123,8 +118,8 @@ def scan_likely(
     progress: Callable[[int], object] = lambda done: None,
     on_found: Callable[[Sighting], object] = lambda seen: None,
 ) -> LineScan:
-    """Scan as `scan_line` does, but in seconds: for all that answer a broadcast ping (2.0) or have one of LIKELY_IDS
-    (1.0). ids: others that are expected."""
+    """Scan in seconds: for all that answer a broadcast ping (2.0) or have one of LIKELY_IDS (1.0). ids: others that are
+    expected."""
     expected = frozenset(ids)
 
     def likely(client: OneOff) -> Iterator[FoundServo]:
@@ -175,8 +170,7 @@ def _found(client: OneOff, expected: Sequence[int] | None) -> Iterator[FoundServ
 
 
 def speed_refused(port: BytePort, baud: int) -> str:
-    """Set the speed, bits/s. Return the reason if the adapter refuses it, else "". Raises BusError when the port is
-    gone."""
+    """Set the speed, bits/s. Return the reason if the adapter refuses it, else ""."""
     try:
         port.set_baud(baud)
     except BusError as refused:
@@ -203,7 +197,7 @@ def _sighting(client: OneOff, found: FoundServo, speed: Speed) -> Sighting:
 
 
 MOST_ELSEWHERE = 3
-"""Bound of the ids that are tried, since each takes a timeout at every speed."""
+"""Bound of the ids that are tried, each with a timeout at every speed."""
 
 
 def elsewhere_texts(port: BytePort, bus: BusSpec, ids: Sequence[int], named: Mapping[int, str]) -> list[str]:

@@ -1,8 +1,7 @@
 """The OpenCR board of an OP3 as a device on the bus: the switch of the servos' power, and an IMU.
 
 Source: ROBOTIS' firmware opencr_op3 (dxl_node_op3.h; NUbots' OpenCR.hpp agrees) for the registers, open_cr_module of
-ROBOTIS-OP3 for the units. Not verified on hardware. The board is mounted with half a turn about z, which the profile
-states.
+ROBOTIS-OP3 for the units. Not verified on hardware. The mounting in the profile has half a turn about z.
 """
 
 import math
@@ -26,9 +25,9 @@ FORCE_UNIT = 2.0 / 32768.0 * GRAVITY
 ANGLE_UNIT = math.radians(0.1)
 """[rad] per count of roll, pitch and yaw."""
 FULL_SCALE = 32767
-"""[count] End of the gyroscope's range, which no robot reaches; an accelerometer may, in an impact."""
+"""[count] End of the gyroscope's range, which no robot reaches."""
 MOST_ANGLE = 3600
-"""[count] Largest angle: half a turn and the offset that the firmware subtracts."""
+"""[count] Largest angle: half a turn and the firmware's offset."""
 
 
 def _row(name: str, address: int, size: int, bounds: tuple[int, int] | None, initial: int) -> Register:
@@ -85,10 +84,9 @@ def imu_reading(data: bytes) -> ImuReading | None:
 
 
 class OpenCrImu:
-    """The IMU of the board on a line, as a `hardware.imu.ImuDevice`.
+    """The IMU of the board on a line, an `ImuDevice`.
 
-    It is asked right after the goals, and answers while the host computes. A silent board is left out after LOST_AFTER
-    cycles and probed every PROBE_PERIOD, as servos are.
+    It is asked right after the goals, and answers while the host computes. A silent board is probed like a lost servo.
     """
 
     def __init__(self, line: BusLine, spec: ImuSpec) -> None:
@@ -99,7 +97,7 @@ class OpenCrImu:
         self._missed, self._due = 0, -math.inf  # answers in a row; [s] when a silent board is asked again
 
     def post(self) -> None:
-        """Request a measurement unless the board is lost. Raises BusError."""
+        """Request a measurement unless the board is lost."""
         wire = self._line.cyclic.wire
         if self._missed >= LOST_AFTER and wire.port.now() < self._due:
             return
@@ -107,7 +105,7 @@ class OpenCrImu:
         self._sent = wire.requested_at
 
     def collect(self) -> bool:
-        """Take the answer, if one is due. Return True if it had not come yet. Raises BusError."""
+        """Take the answer, if one is due. Return True if it had not come yet."""
         if self._sent is None:
             return False
         port, sent, data = self._line.port, self._sent, b""

@@ -37,10 +37,7 @@ def answer_time(port: BytePort, request: ReadRequest) -> float | None:
 
 
 def too_slow(port: BytePort, table: ControlTable, device: int, return_delay: float) -> str:
-    """Return the problem if even the fastest answer comes too late for a cycle, else "". return_delay: of the servo, s.
-
-    Raises BusError when the port is gone.
-    """
+    """Return the problem if even the fastest answer comes too late for a cycle, else "". return_delay: s."""
     position = table["present_position"]
     kind = ReadKind.SINGLE1 if table.protocol == 1 else ReadKind.SYNC
     request = ReadRequest(kind, (device,), position.address, position.size)
@@ -80,7 +77,7 @@ class Opening:
 def examine(line: BusLine, joint_map: JointMap) -> Opening:
     """Examine all devices on an open port. Only the power switch is written. `line` adopts the servos as read.
 
-    joint_map: of the whole robot. Raises BusError when the port is gone.
+    joint_map: of the whole robot.
     """
     bus = line.spec
     where = f"bus {bus.name} ({line.port.name}, {bus.baud} baud, protocol {bus.protocol}.0)"

@@ -42,8 +42,7 @@ _ON = int(ReportedTorque.ON)
 @dataclass(frozen=True, slots=True)
 class Names:
     """Names of the registers that a cycle reads. motion, wide: first and last register of the two blocks. direction:
-    mask of the clockwise bit of the velocity; 0: two's complement. latches: a register holds the errors; else the error
-    byte does."""
+    mask of the clockwise bit of the velocity, or 0. latches: a register holds the errors, else the error byte."""
 
     motion: tuple[str, str]
     wide: tuple[str, str]
@@ -57,8 +56,7 @@ class Names:
 
 
 def names_of(table: ControlTable) -> Names:
-    """Return the names for a table. In the older layout a few bytes hold all values. A servo that reports a load
-    reports no current."""
+    """Return the names for a table. In the older layout a few bytes hold all values."""
     latches, position, last = table.has("hardware_error_status"), "present_position", "present_temperature"
     if table.layout is Layout.OLDER:
         wide, speed = (position, last), "present_speed"
@@ -91,7 +89,7 @@ class SlowValues:
         self._due = now if late.any() else now + SLOW_PERIOD
 
     def due(self, now: float, valid: BoolArray) -> bool:
-        """Return True if values of a servo that answered in the last cycle are due, or none is known yet."""
+        """Return True if values of a servo that answered in the last cycle are due, or none is known."""
         if now < self._due:
             return False
         old = self._at < now - SLOW_PERIOD
@@ -104,11 +102,8 @@ class SlowValues:
 
 
 class Readings:
-    """States of n servos in servo order.
-
-    turns (n,): whole turns that a servo has forgotten, ticks to add to positions. drive (n,): `ReportedTorque` values.
-    slow: voltages and temperatures.
-    """
+    """States of n servos in servo order. turns (n,): forgotten whole turns, ticks added to positions. drive (n,):
+    `ReportedTorque` values. slow: voltages and temperatures."""
 
     def __init__(self, tables: Sequence[ControlTable]) -> None:
         count = len(tables)
@@ -126,7 +121,7 @@ class Readings:
         self._answered = np.full(count, -np.inf)  # [s]
 
     def begin(self) -> None:
-        """Begin a cycle, in which no servo has answered yet."""
+        """Begin a cycle."""
         self._valid[:] = False
 
     def take(self, columns: NDArray[np.int64], rows: NDArray[np.void], errors: bytes, names: Names, now: float) -> None:
@@ -171,7 +166,7 @@ class Readings:
 
     @property
     def driven(self) -> BoolArray:
-        """Mask (n,) of servos that follow their goals, by their last report."""
+        """Mask (n,) of servos that follow their goals."""
         on: BoolArray = self.drive == _ON
         return on
 
@@ -188,7 +183,7 @@ class Readings:
     def states(
         self, now: float, *, retries: int = 0, error_rate: float = 0.0, imu: ImuSample | None = None
     ) -> ServoStates:
-        """Return the states as of `now`, s, which never change later."""
+        """Return the states as of `now`, s."""
         voltage, temperature = self.slow.values(now)
         age = np.zeros(len(self.turns))
         if not self.complete:

@@ -27,16 +27,16 @@ DEVICES = Path("/sys/bus/usb-serial/devices")
 ASSUMED = 0.001
 """Latency, s, of an adapter without a latency timer: a USB frame."""
 LOW_TIMER_MS = 1
-"""Lowest latency timer, ms, of an FTDI adapter. Its default is 16."""
+"""Lowest latency timer, ms, of an FTDI adapter (default: 16)."""
 
 
 def timer_file(path: str, devices: Path = DEVICES) -> Path:
-    """Return the kernel's file of the latency timer of a port, which exists for FTDI only."""
+    """Return the kernel's file of a port's latency timer (FTDI only)."""
     return devices / Path(path).resolve().name / "latency_timer"
 
 
 def latency_timer_ms(path: str, devices: Path = DEVICES) -> int | None:
-    """Return the latency timer, ms; None for an adapter without one."""
+    """Return the latency timer, ms, or None."""
     try:
         return int(timer_file(path, devices).read_text(encoding="ascii"))
     except (OSError, ValueError):
@@ -49,13 +49,12 @@ def latency(timer_ms: int | None) -> float:
 
 
 def timer_command(path: str, devices: Path = DEVICES) -> str:
-    """Return the command that sets the timer to 1 ms, until the adapter is plugged in again."""
+    """Return the command that sets the timer to 1 ms until the adapter is replugged."""
     return f"echo {LOW_TIMER_MS} | sudo tee {timer_file(path, devices)}"
 
 
 def request_low_latency(line: Serial) -> bool:
-    """Set ASYNC_LOW_LATENCY, which needs no rights; an FTDI's timer becomes 1 ms. Return True if the driver supports
-    it."""
+    """Set ASYNC_LOW_LATENCY, which needs no rights. Return True if the driver supports it."""
     try:
         line.set_low_latency_mode(True)
     except (ValueError, OSError, NotImplementedError):
@@ -71,8 +70,7 @@ TERMINAL = "a device"
 
 
 def why_not_open(path: str, baud: int, cause: Exception) -> BusError:
-    """Return the error for a port that could not be opened: absent, busy, forbidden, no serial port, no such baud
-    rate."""
+    """Return the error for a port that could not be opened."""
     number = getattr(cause, "errno", None)
     if number in _ABSENT:
         return no_such_port(path)
@@ -106,8 +104,8 @@ def wrong_baud(path: str, baud: int, allowed: object) -> BusError:
 
 
 def holders(path: str, processes: Path = PROCESSES) -> str:
-    """Name the processes that have the port open, as far as this user may see. The other end of a pseudo-terminal is
-    named separately, since it blocks no other process."""
+    """Name the processes that have the port open. The other end of a pseudo-terminal, which blocks no other process, is
+    named separately."""
     device = Path(path).resolve()
     found: list[str] = []
     behind: list[str] = []
@@ -124,7 +122,7 @@ def holders(path: str, processes: Path = PROCESSES) -> str:
 
 
 def is_pseudo_terminal(path: str) -> bool:
-    """True if a port is a pseudo-terminal. Every emulator on a port is one; no adapter of real servos is."""
+    """True if a port is a pseudo-terminal, as every emulator's is."""
     return Path(path).resolve().parent == _PSEUDO_TERMINALS
 
 
@@ -137,7 +135,7 @@ def _is_master(device: Path, process: Path, descriptor: str, target: Path) -> bo
 
 
 def existing_ports() -> dict[str, str]:
-    """Return the serial ports of this machine, in order, each with its description or ""."""
+    """Return the serial ports of this machine, each with its description or ""."""
     unknown = ("", "n/a")
     found = {port.device: port.description for port in comports()}
     return {path: "" if found[path] in unknown else found[path] for path in sorted(found)}
@@ -158,7 +156,7 @@ BY_ID = Path("/dev/serial/by-id")
 
 
 def stable_name(path: str, links: Path = BY_ID) -> str:
-    """Return the stable link to a port, or the port itself if it has none."""
+    """Return the stable link to a port, if any."""
     with suppress(OSError):
         target = Path(path).resolve()
         return next((str(link) for link in sorted(links.iterdir()) if link.resolve() == target), path)
@@ -188,13 +186,13 @@ BAUD_TOLERANCE = 0.03
 READ_BYTES = 65_536
 """Largest number of bytes per read."""
 STUCK = 0.1
-"""Time, s, in addition to that of the bytes, after which an adapter that takes none is stuck."""
+"""Time, s, after which an adapter that takes no bytes is stuck."""
 _TCGETS2, _SPEED_WORD = 0x802C542A, 10
-"""Linux's ioctl that returns the real speed of a line, and the place of the speed in the answer."""
+"""Linux's ioctl for the real speed of a line, and its place in the answer."""
 
 
 class SerialPort:
-    """A `BytePort` on a real tty. Every failure is a BusError."""
+    """A `BytePort` on a real tty."""
 
     def __init__(self, path: str, clock: Clock) -> None:
         self._clock = clock
@@ -205,22 +203,22 @@ class SerialPort:
         self.baud = 0
         """Bits per second; 0 while closed."""
         self.latency_timer_ms: int | None = None
-        """Latency timer as of `open`, ms; None without one."""
+        """[ms] As of `open`; None without one."""
 
     @property
     def latency(self) -> float:
-        """Longest time, s, for which the adapter keeps bytes; 1 ms is assumed if unknown."""
+        """See `BytePort`."""
         return latency(self.latency_timer_ms)
 
     @property
     def latency_command(self) -> str | None:
-        """Command that sets the latency timer to 1 ms; None if not needed."""
+        """Command that sets the latency timer to 1 ms, if needed."""
         if self.latency_timer_ms is None or self.latency_timer_ms <= LOW_TIMER_MS:
             return None
         return timer_command(self.name)
 
     def open(self, baud: int) -> None:
-        """Open the port for this process alone, and drop its input. Raises BusError."""
+        """See `BytePort`."""
         self.close()
         self._check_baud(baud)
         try:
@@ -242,7 +240,7 @@ class SerialPort:
         self.latency_timer_ms = latency_timer_ms(self.name)
 
     def set_baud(self, baud: int) -> None:
-        """Change the speed, and drop the input. Raises BusError; a refused speed leaves the old one."""
+        """See `BytePort`. A refused speed leaves the old one."""
         self._open_fd()
         line = self._serial
         assert line is not None
@@ -257,7 +255,7 @@ class SerialPort:
         self.drop()
 
     def write(self, data: bytes) -> None:
-        """Send. Returns before the bytes are on the wire."""
+        """See `BytePort`."""
         fd = self._open_fd()
         try:
             sent = os.write(fd, data)
@@ -269,7 +267,7 @@ class SerialPort:
             self._write_rest(fd, data[sent:])
 
     def read(self) -> bytes:
-        """Return the bytes that have arrived, without waiting."""
+        """See `BytePort`."""
         fd = self._open_fd()
         try:
             data = os.read(fd, READ_BYTES)
@@ -285,7 +283,7 @@ class SerialPort:
         return data
 
     def wait(self, deadline: float) -> bool:
-        """Sleep until bytes have arrived or the port was lost (True), or until `deadline`, s."""
+        """See `BytePort`. A lost port also ends the wait."""
         fd = self._open_fd()
         try:
             ready, _, _ = select.select((fd,), (), (), max(0.0, deadline - self._clock.now()))
@@ -294,22 +292,22 @@ class SerialPort:
         return bool(ready)
 
     def drop(self) -> None:
-        """Drop the input."""
+        """See `BytePort`."""
         try:
             termios.tcflush(self._open_fd(), termios.TCIFLUSH)
         except (OSError, termios.error) as cause:
             raise self._gone(cause) from cause
 
     def now(self) -> float:
-        """Return the monotonic time, s, of its clock."""
+        """See `BytePort`."""
         return self._clock.now()
 
     def sleep_until(self, deadline: float) -> None:
-        """Return at `deadline`, s."""
+        """See `BytePort`."""
         self._clock.sleep_until(deadline)
 
     def close(self) -> None:
-        """Close the port. Closing twice is allowed."""
+        """See `BytePort`."""
         line, fd = self._serial, self._fd
         self._serial, self._fd, self.baud = None, -1, 0
         if line is None:
@@ -338,13 +336,12 @@ class SerialPort:
             raise self._gone(cause) from cause
 
     def _verify_baud(self, baud: int) -> None:
-        """Raise BusError if the driver has silently fallen back to another speed."""
+        """Raise BusError if the driver has silently chosen another speed."""
         real = real_baud(self._fd)
         if real and abs(real - baud) > BAUD_TOLERANCE * baud:
             raise wrong_baud(self.name, baud, f"what the adapter can do; it fell back to {real}")
 
     def _write_rest(self, fd: int, data: bytes) -> None:
-        """Send the bytes that the driver's buffer did not hold. Raises BusError when it is stuck."""
         deadline = self.now() + STUCK + 10 * len(data) / self.baud
         while data:
             try:
@@ -384,7 +381,7 @@ def real_baud(fd: int) -> int | None:
 
 class BytePort(Protocol):
     """Half-duplex bytes with a clock, through an adapter or to an emulator. Every method raises BusError when the port
-    is gone."""
+    is lost."""
 
     @property
     def name(self) -> str:

@@ -49,8 +49,8 @@ JOINT_MODE = 2
 ANSWER_ALL = 2
 """Status Return Level: every instruction is answered."""
 WAKING = {"moving_speed": 0}
-"""Registers written to a limp servo only when its torque may come on. A moving speed of the older layout switches
-torque on (field knowledge of protocol 1.0, in no manual). 0: full speed."""
+"""Registers written to a limp servo only when its torque may come on, which a moving speed of the older layout switches
+on (field knowledge of 1.0, in no manual). 0: full speed."""
 
 
 class Setting(NamedTuple):
@@ -74,8 +74,8 @@ def eeprom_settings(servo: ServoSpec, bus: BusSpec, table: ControlTable) -> list
 
 
 def ram_settings(servo: ServoSpec, image: ServoImage) -> list[Setting]:
-    """Return the desired RAM values, which a reboot or a change of mode resets. Goals limit speed and acceleration
-    themselves, so profiles are off."""
+    """Return the desired RAM values, which a reboot or a change of mode resets. Goals limit speed and acceleration, so
+    profiles are off."""
     gains, table = servo.gains, image.table
     values: dict[str, int | None] = {
         "status_return_level": ANSWER_ALL,
@@ -143,7 +143,7 @@ def setup_command(
 
 @dataclass(frozen=True)
 class SetupRequest:
-    """Requested values of one servo; None: not given. baud: bits/s. return_delay: s. registers: counts by name."""
+    """Requested values of one servo. baud: bits/s. return_delay: s. registers: counts by name."""
 
     new_id: int | None = None
     baud: int | None = None
@@ -152,10 +152,8 @@ class SetupRequest:
 
 
 def settings_of(table: ControlTable, request: SetupRequest) -> list[Setting]:
-    """Return the requested settings, in the order of writing: id and speed come last.
-
-    Raises BusError for values that the servo cannot hold, HardwareError for an unknown register.
-    """
+    """Return the requested settings, id and speed last. Raises BusError for impossible values, HardwareError for an
+    unknown register."""
     settings = [setting_of(table, name, value) for name, value in request.registers.items()]
     new_id, baud, return_delay = request.new_id, request.baud, request.return_delay
     if return_delay is not None:
@@ -190,7 +188,7 @@ def plan(image: ServoImage, settings: list[Setting]) -> list[Setting]:
 
 
 def setting_of(table: ControlTable, name: str, value: int) -> Setting:
-    """Return a setting of an EEPROM register. Raises BusError, or HardwareError for an unknown register."""
+    """Return a setting of an EEPROM register. Raises as `settings_of`."""
     register = table[name]
     if name in OWN_OPTION:
         raise _no(table, "register", name, f"the option {OWN_OPTION[name]}")

@@ -1,7 +1,7 @@
 """Requests to single servos by dynamixel-sdk over a `BytePort`, pings that find servos, and refusals in words.
 
-The SDK's packet handlers send and receive. This module interprets the answers, since the SDK takes refusals for data
-and alerts for errors. The SDK does not stuff what it sends, so a servo refuses a value that holds FF FF FD.
+The SDK's packet handlers send and receive; this module interprets the answers, since the SDK takes refusals for data
+and alerts for errors. The SDK does not stuff, so a servo refuses a value that holds FF FF FD.
 """
 
 from collections import Counter
@@ -29,20 +29,20 @@ ANSWER_SLACK = 0.004
 """[s] Possible delay of this machine, the adapter's driver or the servo."""
 
 SLOT = 0.003
-"""[s] Time of each id in a broadcast ping, in addition to its bytes, as in the SDK."""
+"""[s] Slot of each id in a broadcast ping, as in the SDK."""
 BROADCAST_SETTLE = 0.016
 """[s] Time in addition to all slots, as in the SDK."""
 PING_BYTES = protocol2.STATUS_BYTES + 3
 SPREAD = 0.001
-"""[s] Largest difference between the answers of two servos with one id: twice that of their return delays."""
+"""[s] Largest difference between the answers of two servos with one id."""
 MAX_RECEIVED = 65_536
-"""Bytes after which a line that is never silent is abandoned."""
+"""Bytes after which a noisy line is abandoned."""
 
 
 @dataclass(frozen=True)
 class FoundServo:
-    """A servo on the line. model, firmware: None if not reported. alert: it reports a hardware error. clash: two
-    answers, or none whole: probably two servos with this id."""
+    """A servo on the line. model, firmware: None if not reported. alert: it reports an error. clash: probably two
+    servos with this id."""
 
     id: int
     protocol: int
@@ -54,7 +54,7 @@ class FoundServo:
 
 @dataclass(frozen=True)
 class PingReplies:
-    """Status frames in order. damaged: bytes that belong to none. echoed: the adapter returned the request."""
+    """Statuses in order. damaged: bytes of none. echoed: the adapter returned the request."""
 
     answers: tuple[Status, ...]
     damaged: int
@@ -62,11 +62,8 @@ class PingReplies:
 
 
 def broadcast_ping(port: BytePort, highest: int, slack: float) -> PingReplies:
-    """Ping all devices of protocol 2.0, and wait until id `highest` must have answered.
-
-    Devices answer in order of their ids, each in its own slot. The window cannot end sooner, since an unknown device
-    may be the last one: at most 0.78 s at 4 Mbps; 20 ids: 0.08 s.
-    """
+    """Ping all 2.0 devices, and wait for the slot of id `highest`, since an unknown device may be the last one: at most
+    0.78 s at 4 Mbps; 20 ids: 0.08 s."""
     slots = min(highest, MAX_ID) + 1
     request = protocol2.ping(BROADCAST)
     window = (
@@ -76,7 +73,7 @@ def broadcast_ping(port: BytePort, highest: int, slack: float) -> PingReplies:
 
 
 def ping_alone(port: BytePort, protocol: int, device: int, wait: float) -> PingReplies:
-    """Ping one device, and wait for a second answer too. wait: s that it may take in addition to the bytes."""
+    """Ping one device, and wait for a second answer. wait: s, in addition to the bytes."""
     return _receive(port, protocol, CODECS[protocol].ping(device), ping_time(port, protocol, wait), enough=2)
 
 
@@ -87,7 +84,7 @@ def ping_time(port: BytePort, protocol: int, wait: float) -> float:
 
 
 def found_by_ping(answer: Status, *, clash: bool = False) -> FoundServo:
-    """Return the servo behind a 2.0 answer to a ping. A refusal carries no model."""
+    """Return the servo behind a 2.0 answer to a ping."""
     known = len(answer.data) == 3
     return FoundServo(
         id=answer.id,
@@ -100,7 +97,6 @@ def found_by_ping(answer: Status, *, clash: bool = False) -> FoundServo:
 
 
 def _receive(port: BytePort, protocol: int, request: bytes, window: float, *, enough: int | None = None) -> PingReplies:
-    """Send, and receive for `window` s or until there are `enough` answers."""
     port.drop()
     port.write(request)
     deadline = port.now() + window
@@ -114,7 +110,6 @@ def _receive(port: BytePort, protocol: int, request: bytes, window: float, *, en
 
 
 def _answers(protocol: int, request: bytes, received: bytes) -> PingReplies:
-    """Return the answers in the bytes, after an echo of the request if any."""
     echoed = received.startswith(request)
     codec = CODECS[protocol]
     parser = codec.parser()
@@ -124,7 +119,7 @@ def _answers(protocol: int, request: bytes, received: bytes) -> PingReplies:
 
 
 REFUSED1 = Error1.ANGLE_LIMIT | Error1.RANGE | Error1.CHECKSUM | Error1.INSTRUCTION
-"""1.0 error bits about the instruction. The others show the servo's state."""
+"""1.0 error bits about the instruction. The others are the servo's state."""
 _WORDS2 = {
     Error2.RESULT_FAIL: "it could not carry the instruction out",
     Error2.INSTRUCTION: "this instruction is not supported, or Action without a registered write",
@@ -149,12 +144,12 @@ LOOK_FOR_POWER = "Check power, wiring, id, baud rate and protocol, or whether th
 
 
 def refusal(protocol: int, error: int) -> int:
-    """Return the part of an error byte that refuses the instruction: a number (2.0) or bits (1.0); 0: accepted."""
+    """Return the refusal in an error byte: a number (2.0) or bits (1.0); 0: accepted."""
     return error & REFUSED1 if protocol == 1 else error & 0x7F
 
 
 def state(protocol: int, error: int) -> int:
-    """Return the part of an error byte about the servo itself: ALERT (2.0), or voltage, overheating, overload (1.0)."""
+    """Return the part of an error byte about the servo itself."""
     return error & 0x7F & ~REFUSED1 if protocol == 1 else error & 0x80
 
 
@@ -168,11 +163,11 @@ def words(protocol: int, number: int) -> str:
 
 
 class ServoError(BusError):
-    """A servo refused an instruction, or the request is impossible and was not sent."""
+    """A servo refused an instruction, or it is impossible and was not sent."""
 
 
 class NoAnswer(BusError):
-    """A servo gave no complete answer in all tries. damaged: tries in which bytes came."""
+    """No complete answer in all tries. damaged: tries in which bytes came."""
 
     def __init__(self, what: str, *, where: str, found: str, then: str, damaged: int) -> None:
         super().__init__(what, where=where, found=found, then=then)
@@ -184,9 +179,8 @@ SPARE_BYTES = 8
 
 
 class SdkPort:
-    """PortHandler of the SDK for one request over a `BytePort`. The SDK's own one polls, waits 34 ms for a missing
-    answer, and stays in use after an exception. An echo of the request is dropped. wait: s, in addition to the
-    bytes."""
+    """PortHandler of the SDK for one request over a `BytePort`; the SDK's own polls, waits 34 ms for a missing answer,
+    and stays in use after an exception. An echo is dropped. wait: s, in addition to the bytes."""
 
     is_using = False
 
@@ -199,7 +193,7 @@ class SdkPort:
 
     @property
     def echo(self) -> int:
-        """Bytes of the request that came back: all or none."""
+        """Bytes of the request that came back."""
         return len(self._sent) if self._arrived.startswith(self._sent) else 0
 
     @property
@@ -218,7 +212,7 @@ class SdkPort:
         return len(self._sent)
 
     def readPort(self, length: int) -> bytes:
-        """Return at most `length` bytes. Waits for the first of them until the deadline."""
+        """Return at most `length` bytes, after a wait for the first until the deadline."""
         while length > 0 and (len(self._arrived) <= self._read or self._sent.startswith(self._arrived)):
             self._port.wait(self._deadline)
             late = self._port.now() >= self._deadline
@@ -230,7 +224,7 @@ class SdkPort:
         return bytes(self._arrived[begin : self._read])
 
     def setPacketTimeout(self, packet_length: int) -> None:
-        """Set the deadline of an answer of so many bytes to the request just sent."""
+        """Set the deadline of an answer of so many bytes."""
         count = len(self._sent) + packet_length + SPARE_BYTES
         self._deadline = self._port.now() + 10 * count / self._port.baud + self._wait
 
@@ -246,12 +240,9 @@ LONGEST_READ = 230
 
 
 class OneOff:
-    """Requests to one servo at a time, on an open port.
-
-    return_delay: longest Return Delay Time on the line, s. retries: after silence or damage. alerted: ids whose last
-    answer reported a hardware error. echoes: requests that the adapter returned (a 1.0 ping proves nothing, as its
-    answer can equal it). Raises ServoError for a refusal, NoAnswer for silence, BusError when the port is gone.
-    """
+    """Requests to one servo at a time, on an open port. return_delay: longest on the line, s. retries: after silence or
+    damage. alerted: ids whose last answer reported a hardware error. echoes: requests that the adapter returned. Raises
+    ServoError for a refusal, NoAnswer for silence."""
 
     def __init__(self, port: BytePort, protocol: int, *, return_delay: float = 0.0005, retries: int = 2) -> None:
         assert protocol in (1, 2)
@@ -262,7 +253,7 @@ class OneOff:
         self.echoes = 0
 
     def ping(self, device: int) -> FoundServo | None:
-        """Return the servo with this id, or None. If the last answer came damaged, it is returned with `clash`."""
+        """Return the servo with this id, or None; with `clash` if its last answer came damaged."""
         self._check_id(device)
         found = None
         for done in range(1 + self.retries):
@@ -274,8 +265,7 @@ class OneOff:
     def scan(self, ids: Iterable[int], *, alone: Iterable[int] | None = None) -> list[FoundServo]:
         """Return the servos with these ids, and others that answer a broadcast ping (2.0), by id.
 
-        Ids that do not answer the broadcast are pinged alone (only those of `alone`, if given); all are, if an answer
-        was damaged.
+        Silent ids are pinged alone (only those of `alone`, if given); all are, if an answer was damaged.
         """
         expected = sorted(set(ids))
         quiet = expected if alone is None else sorted(set(alone))
@@ -338,7 +328,7 @@ class OneOff:
     def _request(
         self, device: int, code: Instruction, params: bytes, *, action: str, register: str = "", size: int | None = None
     ) -> Status:
-        """Send, and return the answer, with `size` bytes of data if given. Each try waits longer."""
+        """Send, and return the answer, with `size` bytes if given. Each try waits longer."""
         self._check_id(device)
         damaged, tries, where = 0, 1 + self.retries, self._where(device, register)
         for done in range(tries):
@@ -366,7 +356,6 @@ class OneOff:
         raise NoAnswer(f"no answer to {action}", where=where, found=found, then=then, damaged=damaged)
 
     def _exchange(self, sdk: SdkPort, device: int, code: Instruction, params: bytes) -> Status | None:
-        """Send one instruction through the SDK. Return None without a complete answer."""
         if self.protocol == 1:
             head, tail, at = [0, 0, device, len(params) + 2, code], 1, 2
         else:
@@ -382,7 +371,7 @@ class OneOff:
         return Status(device, frame[8], frame[9 : length2 + 5]) if length2 >= 4 else None
 
     def probe(self, device: int, slack: float) -> FoundServo | None:
-        """Ping one id once, and wait for a second answer too. slack: s, see ANSWER_SLACK."""
+        """Ping one id once, and wait for a second answer. slack: s, see ANSWER_SLACK."""
         received = ping_alone(self.port, self.protocol, device, self._wait + slack)
         if received.damaged:
             settle(self.port)
@@ -396,7 +385,7 @@ class OneOff:
         return found_by_ping(own[0], clash=len(own) > 1)
 
     def _found1(self, device: int, *, answered: bool, clash: bool) -> FoundServo | None:
-        """Return a 1.0 servo. A ping returns no model, so it is read; a servo may answer pings only."""
+        """Return a 1.0 servo, whose model must be read, since a ping returns none."""
         try:
             data = self.read_block(device, 0, MODEL_BYTES)
         except (ServoError, NoAnswer):

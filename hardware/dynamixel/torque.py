@@ -27,7 +27,7 @@ CONFIRM_TRIES = 2
 
 
 def register_of(line: BusLine, name: str) -> Register:
-    """Return a register that all servos of a bus keep in one place."""
+    """Return a register that all servos of a bus have in one place."""
     return next(iter(line.images.values())).table[name]
 
 
@@ -41,10 +41,8 @@ def read_from_all(line: BusLine, name: str, ids: Sequence[int]) -> dict[int, int
 
 
 def written(line: BusLine, register: Register, values: Mapping[int, int]) -> dict[int, int | None]:
-    """Write one register of several servos (counts by id), read it back, and repeat lost writes.
-
-    Returns the wrong counts by id, None without an answer.
-    """
+    """Write counts by id to one register, read them back, and repeat lost ones. Return wrong counts by id, None without
+    an answer."""
     left, kept = dict(values), dict[int, int]()
     for _ in range(CONFIRM_TRIES):
         if left:
@@ -55,14 +53,14 @@ def written(line: BusLine, register: Register, values: Mapping[int, int]) -> dic
 
 
 def write_and_read(line: BusLine, register: Register, values: Mapping[int, int]) -> None:
-    """Write one register of several servos (counts by id) and confirm it. Raises BusError."""
+    """Write counts by id to one register and confirm them. Raises BusError."""
     wrong = written(line, register, values)
     if wrong:
         raise not_kept(line, register, values, wrong)
 
 
 def not_kept(line: BusLine, register: Register, values: Mapping[int, int], wrong: Mapping[int, int | None]) -> BusError:
-    """Return the error for servos that did not keep their values. wrong: see `written`."""
+    """Return the error for servos that did not keep their values."""
     found = ", ".join(
         f"{line.name_of(one)} " + ("silent" if kept is None else f"{kept} instead of {values[one]}")
         for one, kept in wrong.items()
@@ -75,11 +73,11 @@ def not_kept(line: BusLine, register: Register, values: Mapping[int, int], wrong
 
 
 GOAL_SLACK = 0.06
-"""[rad] Largest motion of a limp joint's shaft since its goal was set to its position."""
+"""[rad] Tolerated motion of a limp shaft since its goal was set."""
 
 
 def arm_watchdogs(line: BusLine) -> None:
-    """Clear and set the bus watchdog of every servo that has one, and read it back. Raises BusError."""
+    """Clear and set all bus watchdogs, and read them back. Raises BusError."""
     ids = _watched(line)
     if not ids:
         return
@@ -89,7 +87,7 @@ def arm_watchdogs(line: BusLine) -> None:
 
 
 def feed_watchdogs(lines: Sequence[BusLine]) -> None:
-    """Write on every bus, so that no watchdog trips while another bus is busy. Raises BusError when a port is gone."""
+    """Write on every bus, so that no watchdog trips while another bus is busy."""
     for line in lines:
         watched = _watched(line)
         if watched:
@@ -98,15 +96,15 @@ def feed_watchdogs(lines: Sequence[BusLine]) -> None:
 
 
 def check_still(line: BusLine, goals: dict[int, int]) -> None:
-    """Check that every servo answers and is at its goal (by id, ticks). Raises BusError."""
+    """Check that every servo is at its goal (ticks by id). Raises BusError."""
     _refuse_moved(line, read_from_all(line, "present_position", list(goals)), goals)
 
 
 def confirm_goals(line: BusLine, goals: dict[int, int]) -> None:
-    """Send goals (by id, ticks) until the servos' registers hold them, and check that no servo has moved.
+    """Send goals (ticks by id) until the servos' registers hold them, and check that no servo has moved.
 
-    No servo confirms a goal, and torque moves a servo to the goal in its register. Goal and position are read in one
-    request, so that no late answer is mistaken. Raises BusError.
+    Torque moves a servo to the goal in its register. Goal and position are read in one request, so that no late answer
+    is mistaken. Raises BusError.
     """
     goal, present = (register_of(line, name) for name in ("goal_position", "present_position"))
     left, kept = list(goals), dict[int, bytes]()
@@ -131,7 +129,7 @@ def wake(line: BusLine, ids: Sequence[int]) -> None:
 
 
 def enable(line: BusLine, ids: Sequence[int]) -> None:
-    """Switch torque on, and read it back. Raises BusError with the servos that stay off, and why."""
+    """Switch torque on, and read it back. Raises BusError with the reasons."""
     off = written(line, register_of(line, "torque_enable"), dict.fromkeys(ids, 1))
     if off:
         raise BusError(
@@ -143,7 +141,7 @@ def enable(line: BusLine, ids: Sequence[int]) -> None:
 
 
 def not_limp(line: BusLine, ids: Iterable[int]) -> list[int]:
-    """Return the servos with torque, and those that do not answer. Raises BusError when the port is gone."""
+    """Return the servos with torque, and those that do not answer."""
     found: dict[int, int] = {}
     ids = list(ids)
     for register, own in line.places("torque_enable", ids).items():
@@ -152,10 +150,9 @@ def not_limp(line: BusLine, ids: Iterable[int]) -> list[int]:
 
 
 def off_everywhere(buses: Mapping[BusLine, Collection[int]]) -> list[str]:
-    """Switch the torque of servos off, given by bus and id. The command goes to all before any is read back.
+    """Switch the torque of servos (ids by bus) off. The command goes to all before any is read back.
 
-    Returns those that did not confirm, a text each. After an interrupt the other buses are still switched off; then it
-    is raised.
+    Returns those that did not confirm. After an interrupt the other buses are still switched off; then it is raised.
     """
     unsure: list[str] = []
     interrupt: BaseException | None = None
@@ -181,7 +178,7 @@ def _send_off(line: BusLine, ids: Iterable[int]) -> list[str]:
 
 
 def _confirm_off(line: BusLine, ids: Iterable[int]) -> list[str]:
-    """Read torque back, repeat it if it is on, and clear the watchdogs of servos that are off."""
+    """Read torque back, repeat it if it is on, and clear the watchdogs of the others."""
     left = not_limp(line, ids)
     if left:
         _send_off(line, left)
@@ -225,8 +222,8 @@ FIRST_DRIVE = 0.1
 
 
 class BusDrive:
-    """The drive limit of all servos of a bus. Limp ones begin with FIRST_DRIVE; others never get less than they have,
-    since they carry the robot."""
+    """The drive limit of all servos of a bus. Limp ones begin with FIRST_DRIVE; others carry the robot and never get
+    less than they have."""
 
     def __init__(self, line: BusLine, limp: Collection[int]) -> None:
         self._line = line
@@ -242,16 +239,13 @@ class BusDrive:
         return any(self._least[device] < full.value for device, full in self._full.items())
 
     def send(self, share: float) -> None:
-        """Allow a share of the full drive, without confirmation. Raises BusError when the port is gone."""
+        """Allow a share of the full drive, without confirmation."""
         for register, values in self._values(share):
             self._line.write_all(register, values.items())
 
     def limit(self, share: float, driven: BoolArray) -> None:
-        """Allow a share of the full drive, also to servos that carry the robot, without confirmation.
-
-        driven (n,): servos with torque, in servo order; others may have switched themselves off by this register.
-        Raises BusError when the port is gone.
-        """
+        """Allow a share of the full drive, also to servos that carry the robot. driven (n,): servos with torque; others
+        may have switched themselves off by this register."""
         self._least = dict.fromkeys(self._least, 1)
         for register, values in self._values(share):
             own = {one: value for one, value in values.items() if driven[self._line.index_of[one]]}
@@ -263,7 +257,7 @@ class BusDrive:
             write_and_read(self._line, register, values)
 
     def _values(self, share: float) -> list[tuple[Register, dict[int, int]]]:
-        """Return counts by id for each register that limits the drive, which depends on layout and mode."""
+        """Return counts by id per register, which depends on layout and mode."""
         found: dict[str, tuple[Register, dict[int, int]]] = {}
         for device, (register, full) in self._full.items():
             values = found.setdefault(register.name, (register, {}))[1]
@@ -272,10 +266,10 @@ class BusDrive:
 
 
 def provision(line: BusLine, servo: ServoSpec, *, limp: bool) -> list[str]:
-    """Write the profile's values into one servo where they differ. Return the changes, one text each.
+    """Write the profile's values into one servo where they differ. Return the changes.
 
     EEPROM comes first, since a change of mode resets RAM. limp: it has no torque; values that would switch it on are
-    left to `wake`. Raises BusError (NoAnswer, ServoError) if it does not answer, refuses, or does not keep a value.
+    left to `wake`. Raises NoAnswer or ServoError.
     """
     table = line.images[servo.id].table
     image = read_image(line.client, servo.id, table)
@@ -311,10 +305,9 @@ class Ready(NamedTuple):
 
 
 def prepare(lines: Sequence[BusLine], notify: Callable[[str], object], *, limp_only: bool = False) -> list[Ready]:
-    """Provision all servos: limp ones wholly, those with torque in RAM only.
+    """Provision all servos: limp ones wholly, those with torque in RAM only (limp_only: not at all).
 
-    limp_only: skip servos with torque. notify: receives each change. Raises BusError with the value that a servo
-    refuses, and the values that others have taken.
+    notify: receives each change. Raises BusError with the value that a servo refuses, and those that others have taken.
     """
     found, changed = [], list[str]()
     for line in lines:
@@ -334,10 +327,10 @@ def prepare(lines: Sequence[BusLine], notify: Callable[[str], object], *, limp_o
 
 
 def switch_on(ready: Sequence[Ready], goals: Sequence[dict[int, int]]) -> list[BusDrive]:
-    """Send the goals of each bus (by id, ticks), confirm them, and switch torque on with little drive.
+    """Send the goals of each bus (ticks by id), confirm them, and switch torque on with little drive.
 
-    Call `check_still` on all buses before, since torque may be on from here (a goal wakes 1.0 servos). Returns the
-    drive of each bus, to be raised. Raises BusError.
+    Call `check_still` on all buses before, since a goal wakes 1.0 servos. Returns the drive of each bus. Raises
+    BusError.
     """
     drives = []
     for (line, limp), own in zip(ready, goals, strict=True):
@@ -359,10 +352,7 @@ def switch_on(ready: Sequence[Ready], goals: Sequence[dict[int, int]]) -> list[B
 
 
 def raise_drive(lines: Sequence[BusLine], drives: Sequence[BusDrive], watch: Callable[[], None]) -> None:
-    """Raise the drive to the full one within RAMP_TIME. watch: called at every step; its exception ends the ramp.
-
-    Raises BusError.
-    """
+    """Raise the drive to the full one within RAMP_TIME. watch: called at every step; its exception ends the ramp."""
     if any(drive.limited for drive in drives):
         port = lines[0].port
         begun, steps = port.now(), round(RAMP_TIME / RAMP_STEP)
@@ -393,10 +383,7 @@ class Restarted:
 
 
 def restart(line: BusLine, ids: Sequence[int], stop: Callable[[], bool] = lambda: False) -> Restarted:
-    """Reboot servos (protocol 2.0), all before any is waited for. stop: asked before each; True ends the restarts.
-
-    Raises BusError when the port is gone.
-    """
+    """Reboot servos (protocol 2.0), all before any is waited for. stop: polled before each."""
     restarted: list[int] = []
     problems: list[str] = []
     for device in ids:
