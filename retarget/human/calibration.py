@@ -38,13 +38,12 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 def calibrate(frames: SensorFrames) -> HumanDimensions:
     """Return the performer's size, from the skeleton where the source has one, else from a rest pose.
 
-    A recording without a rest pose gives average proportions at the stature of its tallest frame, noted in `origin`.
-    Raises InputError: not a human, or sensors missing.
+    Without a rest pose it has average proportions, noted in `origin`. Raises InputError: not a human, or sensors
+    missing.
     """
     if frames.skeleton is not None:
         return dimensions_from_skeleton(frames.skeleton, source=frames.source)
     candidates = find_rest_frames(frames)
-    # The best candidate may still be no rest pose, so the fit decides.
     for at in candidates:
         names = tuple(name for name, valid in zip(frames.names, frames.valid[at], strict=True) if valid)
         position = frames.position[at, frames.valid[at]]
@@ -98,13 +97,12 @@ def dimensions_from_skeleton(skeleton: Skeleton, *, source: str = "") -> HumanDi
 
 
 def _completed(known: dict[str, FloatArray], usual: HumanDimensions) -> dict[str, FloatArray]:
-    """All canonical points at rest. Missing points of the trunk lie between their neighbours."""
+    """All canonical points at rest. Missing trunk points lie between their neighbours."""
     points = dict(known)
     hips = 0.5 * (points["l_hip"] + points["r_hip"])
     shoulders = 0.5 * (points["l_shoulder"] + points["r_shoulder"])
     points.setdefault("pelvis", hips - 0.5 * (usual.of("l_hip") + usual.of("r_hip")))
     points.setdefault("neck", shoulders - np.array([0.0, 0.0, usual.of("l_shoulder")[2]]))
-    # Formats have between one and six joints in the trunk.
     pelvis, neck = points["pelvis"], points["neck"]
     if "chest" not in points:
         points["chest"] = (
@@ -125,7 +123,6 @@ def _share(start: FloatArray, end: FloatArray, share: float) -> FloatArray:
 
 
 def _offset(name: str, points: dict[str, FloatArray]) -> FloatArray:
-    """Offset (3,) from the parent in the rest frame; zero for toes."""
     parent = PARENTS[POINTS.index(name)]
     if parent < 0 or name not in points:
         return np.zeros(3)

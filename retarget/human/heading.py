@@ -1,8 +1,8 @@
 """Heading: where the performer faces, from a few sensors.
 
-No single hint is enough: the line between the ankles is wrong by 69 degrees on average while walking. So the hints are
-summed as vectors on the ground, which adds up the evidence of von Mises distributions. Hands and head hint by their
-place relative to the middle of the body, with fitted weights (`heading.yaml`, by `python -m benchmarks.heading_fit`).
+No single hint is enough: the line between the ankles is wrong by 69 degrees on average while walking. So hints are
+summed as vectors on the ground, as the evidence of von Mises distributions adds up. Hands and head hint by their place
+relative to the body, with fitted weights (`heading.yaml`, by `python -m benchmarks.heading_fit`).
 """
 
 from bisect import bisect_right
@@ -38,7 +38,7 @@ class _Table:
         self._weights = [[0j] * len(heights), *(list(row) for row in weights)]
 
     def at(self, distance: float, height: float) -> complex:
-        """The weight at a distance on the ground and a height, as shares of the head's height."""
+        """Weight at a distance on the ground and a height, as shares of the head's height."""
         i, s = _between(self._distances, distance)
         j, t = _between(self._heights, height)
         near, far = self._weights[i], self._weights[i + 1]
@@ -51,7 +51,7 @@ def _between(nodes: list[float], value: float) -> tuple[int, float]:
     return before, (value - nodes[before]) / (nodes[before + 1] - nodes[before])
 
 
-# Turn and weight of a hint by the place of the left hand; the right hand's are the conjugate.
+# Turn and weight of a hint by the place of the left hand. The right hand's are the conjugate.
 _HAND = _Table(
     _LEARNED["reach"],
     _LEARNED["height"],
@@ -85,8 +85,8 @@ class Heading:
         self._turn(moving + measured)
 
     def step(self, positions: Mapping[str, Point], facing: Mapping[str, Ground], *, dt: float) -> None:
-        """Go on by `dt` s. positions: x, y (and z) m by sensor, valid ones only. facing: forward axes (x, y) of
-        oriented sensors, shorter than one where they point up or down."""
+        """Go on by `dt` s. positions: x, y (and z) m of valid sensors. facing: forward axes (x, y) of oriented
+        sensors."""
         self._head.step(positions.get("head"), dt)
         moving = self._moving(positions)
         now = moving + self._measured(positions, facing)
@@ -109,14 +109,13 @@ class Heading:
         return total + (settings.learned * self._seen(positions) if settings.learned > 0.0 else 0j)
 
     def _measured(self, positions: Mapping[str, Point], facing: Mapping[str, Ground]) -> complex:
-        """Sum of the hints that turn with the body: lines across the trunk, and orientations."""
+        """Sum of the hints that turn with the body."""
         total = _lines(positions, self._trunk_pairs)
         for name, axis in facing.items():
             total += self._settings.facing.get(name, 0.0) * complex(*axis)
         return total
 
     def _seen(self, positions: Mapping[str, Point]) -> complex:
-        """Hints of the fitted tables for hands and head."""
         head = positions.get("head")
         if head is None:
             return 0j
@@ -152,7 +151,7 @@ def _hint(table: _Table, away: complex, up: float, height: float, *, mirror: boo
 
 
 def _times(a: complex, b: complex) -> complex:
-    """a b. Written out, as compilers may fuse a product of complex numbers with its sum."""
+    """a b, written out, as compilers may fuse a product of complex numbers with its sum."""
     return complex(a.real * b.real - a.imag * b.imag, a.real * b.imag + a.imag * b.real)
 
 
@@ -170,7 +169,6 @@ _BETWEEN_FEET = ((*ANKLES, 1.0),)
 
 
 def _hands_ahead(positions: Mapping[str, Point]) -> complex:
-    """From the middle of the ankles to that of the wrists, m."""
     try:
         hands = positions["l_wrist"], positions["r_wrist"]
         feet = positions["l_ankle"], positions["r_ankle"]
@@ -181,10 +179,7 @@ def _hands_ahead(positions: Mapping[str, Point]) -> complex:
 
 
 class _Stance:
-    """The mean of the hints since both feet were planted, over at most `STANCE_S`.
-
-    Planted feet do not turn, so earlier hints still hold for the hips. Feet that shuffle turn the mean.
-    """
+    """The mean of the hints since both feet were planted, as such feet do not turn. Shuffling feet turn it along."""
 
     def __init__(self, settle: float) -> None:
         self._settle = settle

@@ -136,7 +136,6 @@ def write_person(person: Person) -> Path:
 
 
 def _problems(read: Person, document: Document) -> list[Problem]:
-    """Problems that the model alone does not find."""
     problems = [
         unknown_name(document, ("offsets", name), "point", name, POINTS) for name in read.offsets if name not in POINTS
     ]
@@ -159,7 +158,6 @@ def _problems(read: Person, document: Document) -> list[Problem]:
 
 
 def _inhuman(read: Person, document: Document) -> list[Problem]:
-    """Problems of a size that no human has."""
     found: list[Problem] = []
     for key, value, (low, high) in (("stature", read.stature, STATURE_M), ("mass", read.mass, MASS_KG)):
         if not low <= value <= high:

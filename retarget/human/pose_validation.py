@@ -1,8 +1,4 @@
-"""Pose validation: limits of the poses that a person can have, and jump detection by them.
-
-`retarget._solver.Validity` judges by these limits: streams for `retarget.live.sensor_validity`, and samples at known
-times for `JumpDetection`.
-"""
+"""Pose validation: limits of the poses that a person can have, and jump detection by them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,19 +19,18 @@ from retarget.types import BoolArray, IntArray
 class ValidityLimits:
     """Limits of a performer's sensors, in m and in s of capture.
 
-    One pose. reach: horizontal distance from the origin, by axis. low, high: of the height. norm_tolerance: of a
-    quaternion.
+    One pose. reach: horizontal distance from the origin, by axis. low, high: of the height. norm_tolerance: of
+    quaternions.
 
-    Speed. fastest: m/s. shortest_step: least time between poses, as stamps taken on arrival are off by 15 ms and a
-    sender of 200 Hz may repeat a tracker of 60 Hz. swap, hardest (m/s^2): a sensor that is reported at the place of its
-    other side has jumped if it is farther than swap + hardest / 2 * time^2 from its own. back_within: time after which
-    a place shows nothing about such a sensor. settled_after: time for which a sensor must move on from where it jumped
-    to.
+    Speed. fastest: m/s. shortest_step: least time between poses, as stamps of arrival are off by 15 ms. swap, hardest
+    (m/s^2): a sensor that is reported at the place of its other side has jumped if it is farther than swap + hardest /
+    2 * time^2 from its own. back_within: age at which its place counts no more. settled_after: time of moving on after
+    a jump.
 
-    Age, on the local clock. silent_after: longest time without a frame before the robot holds. stale_after: the same of
-    one sensor; a feed of 20 Hz may lose one pose of three. frozen_after: time of repeating a value while another sensor
-    moves by noticeable (m, parts of a unit quaternion; 0.0087 is one degree). not_in_use_after: since the first
-    judgement. healthy: good data before a sensor comes back, and before a hold ends.
+    Age, on the local clock. silent_after: time without a frame before a hold. stale_after: the same of one sensor; a
+    feed of 20 Hz may lose one pose of three. frozen_after: time of repeating a value while another sensor moves by
+    noticeable (m, parts of a unit quaternion; 0.0087 is one degree). not_in_use_after: since the start. healthy: good
+    data before a sensor comes back, and before a hold ends.
     """
 
     reach: float = 10.0
@@ -63,20 +58,14 @@ StateArray = NDArray[np.uint8]  # one ValidityState per sensor, (k,)
 
 
 class ValidityState(IntEnum):
-    """The validity of a sensor. Only a FRESH sensor is used."""
+    """Validity of a sensor. Only a FRESH sensor is used."""
 
-    FRESH = 0
-    """Its last accepted pose is recent, and no other state applies."""
-    STALE = 1
-    """No pose was accepted for too long, or ever."""
-    FROZEN = 2
-    """It repeats one value to the bit while others move, as senders do with a lost tracker."""
-    JUMPED = 3
-    """It went farther than a human can and stays there, or changed places with its other side."""
-    NOT_IN_USE = 4
-    """It was not received since the start."""
-    OUT_OF_RANGE = 5
-    """Its position is outside the room."""
+    FRESH = 0  # its last accepted pose is recent, and no other state applies
+    STALE = 1  # no pose was accepted for too long, or ever
+    FROZEN = 2  # it repeats a value to the bit while others move, as senders do with a lost tracker
+    JUMPED = 3  # it went farther than a human can and stays there, or changed places with its other side
+    NOT_IN_USE = 4  # it was not received since the start
+    OUT_OF_RANGE = 5  # its position is outside the room
 
 
 def other_sides(names: Sequence[str]) -> IntArray:
@@ -88,15 +77,14 @@ def other_sides(names: Sequence[str]) -> IntArray:
     return np.array(rows, dtype=np.int64)
 
 
+# A recording may leave any room, and marks its lost sensors itself.
 MOVEMENT = ValidityLimits(reach=inf, low=-inf, high=inf, norm_tolerance=inf, frozen_after=inf, not_in_use_after=inf)
-"""Limits for movement alone: a recording may leave any room, and marks its lost sensors itself."""
 
 
 class JumpDetection:
     """Takes a sensor out of samples while it moves as no person can, until it is back or has stayed.
 
-    It stays where it was for a moment, as most jumps come back. Then it is invalid, and `jumped` (k,) until it is
-    valid.
+    Its value stays for a moment, as most jumps come back. Then it is invalid and in the mask `jumped` (k,).
     """
 
     def __init__(self, names: Sequence[str]) -> None:

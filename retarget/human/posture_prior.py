@@ -49,8 +49,8 @@ class Velocity:
 class Balance:
     """The goal of an `over_feet` task: `goal` (3,) m, world (z unused), and its `weight`, 0 to 1.
 
-    The goal is the centre of the feet, weighed by their loads. A body that travels need not be in balance, so the
-    weight falls with the speed of the feet.
+    The goal is the centre of the feet by their loads. A travelling body need not be in balance, so the weight falls
+    with the speed of the feet.
     """
 
     def __init__(self, task: CentreOfMassTask) -> None:
@@ -90,7 +90,7 @@ FLYING_M_S = 3.0  # feet count half when their mean speed relative to the head i
 
 
 class Carried:
-    """The pelvis goes about as far as head and feet do on average (`by`: their shares), without a filter or delay.
+    """The pelvis goes about as far as head and feet do on average (`by`: their shares), without delay.
 
     Feet that both fly, as in a jump with the legs drawn up, count less.
     """
@@ -125,14 +125,13 @@ class Carried:
         return at[0] + x, at[1] + y, at[2] + z
 
 
-# Hips, knees and the lumbar spine bend together when a person gets down. In 200 recorded pieces the distance of the
-# head from the farther foot gives the bend of the straighter knee to within 9 to 19 degrees, and the height of the
-# head, which a wide stance lowers too, to within 8 to 32.
+# In 200 recorded pieces the distance of the head from the farther foot gives the bend of the straighter knee to within
+# 9 to 19 degrees, and the height of the head, which a wide stance lowers too, to within 8 to 32.
 
 
 BENT_AHEAD, BENT_LOWERED = 0.35, 0.25
 """A body bends over fully when its head is this far ahead of the feet, as a share of their distance upright, and this
-share of the crouch is reached. Fitted to recordings: where the head is ahead gives the lean of the trunk (R^2 0.79)."""
+share of the crouch is reached. Fitted to recordings (R^2 0.79)."""
 
 
 class Crouch:
@@ -148,7 +147,7 @@ class Crouch:
         self._across = [float(away) for away in norms(line[:, :2])]
 
     def share(self, away: float) -> float:
-        """Share of the crouch, 0 upright to 1 lowered, of a head `away` m from the farther ankle."""
+        """Share of the crouch, 0 upright to 1 lowered, by the distance, m, of the head from the farther ankle."""
         return min(max((self._upright_m - away) / (self._upright_m - self._lowered_m), 0.0), 1.0)
 
     def share_by_height(self, height: float) -> float:
@@ -159,7 +158,7 @@ class Crouch:
         return lowered
 
     def bent(self, share: float, ahead: float) -> float:
-        """Share of bending over, 0 to 1. share: of the crouch. ahead: distance of the head ahead of the feet, m."""
+        """Share of bending over, 0 to 1. share: of the crouch. ahead: m, of the head ahead of the feet."""
         far = min(max(ahead / (BENT_AHEAD * self._upright_m), 0.0), 1.0)
         return far * min(share / BENT_LOWERED, 1.0)
 
@@ -168,15 +167,14 @@ class Crouch:
         return np.asarray(self._upright + share * self._change)
 
 
-# With sensors on head and hands only, nothing measures the legs. The feet stay planted while the head moves above them,
-# and step after it when it leaves them behind. The middle of walking feet goes at the head's own velocity. In a jump
-# the feet leave the floor.
+# Feet that are not measured stay planted while the head moves above them, and then step after it. The middle of walking
+# feet goes at the head's own velocity. In a jump the feet leave the floor.
 
 HEAD_AHEAD_M = (0.03, 0.40)  # [m] the head is ahead of the ankles, upright and in a deep crouch
 REACH_M = 0.12  # [m] a standing performer's head may wander before the feet follow
 STEP_M, STEP_S, STRIDE_M, STEP_LIFT_M = 0.1, 0.3, 0.35, 0.05
 """A foot steps when it is this far (m) from its place. A step takes at most this many s and m of the body's path, less
-than people's, so that the legs bend little at an unknown phase of the gait. The ankle rises by the last, m."""
+than people's, so that legs bend little at an unknown phase of the gait. The ankle rises by the last, m."""
 GLIDE_S = 0.15  # the feet follow with this time constant
 SLACK_M = 0.03  # legs that leave the floor bend by this: a straight leg leaves the solver no freedom
 TRAVEL_M_S = (0.5, 1.0)  # speeds of the head at which a performer begins to walk, and walks
@@ -198,7 +196,7 @@ class VirtualFeet:
         self.ankles: FloatArray = np.zeros((2, 3))
 
     def start(self, head: list[float], forward: Ground, *, crouch: float) -> None:
-        """Stand under the head. The arguments are those of `step`."""
+        """Stand under the head."""
         self._travel.start()
         self._middle, self._swung = self._below(head, forward, crouch), 1.0
         self._planted = self._beside(forward)
@@ -230,7 +228,7 @@ class VirtualFeet:
         lift = 0.0
         if self._swung < 1.0:
             self._swung = min(self._swung + dt / seconds, 1.0)
-            # The foot touches down half a step ahead of the body, which will be there when the other foot does.
+            # The foot touches down half a step ahead of the body.
             ahead = desired[foot] + (1.5 - self._swung) * seconds * velocity
             share = 0.5 - 0.5 * cos(pi * self._swung)
             ground[foot] += share * (ahead - ground[foot])

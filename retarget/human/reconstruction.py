@@ -38,7 +38,7 @@ from retarget.types import BoolArray, Carrying, FloatArray, HumanPosture
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SensorTurn:
-    """A sensor's orientation. forward: its x axis on the ground. link (4,): wxyz of its link, world."""
+    """A sensor's orientation. forward: its x axis on the ground. link (4,): of its link, world, wxyz."""
 
     sensor: str
     forward: tuple[float, float]
@@ -95,10 +95,10 @@ _BETTER = 0.5  # after its last frame the second posture also wins if it misses 
 
 @dataclass(slots=True)
 class SecondPosture:
-    """A second posture, solved one frame per tick beside a body that misses its sensors.
+    """A second posture q (nq,), solved one frame per tick beside a body that misses its sensors.
 
-    q (nq,): None if there is none. frames: solved so far. missed: time for which the body has missed its sensors.
-    limit_s: the limit of that time, doubled by each failure, since a sensor can be where no body goes.
+    missed: time for which the body has missed its sensors. limit_s: its limit, doubled by each failure, since a sensor
+    can be where no body goes.
     """
 
     q: FloatArray | None = None
@@ -107,7 +107,7 @@ class SecondPosture:
     limit_s: float = _MISSED_S
 
     def is_due(self, missed: float, dt: float) -> bool:
-        """True if this tick of `dt` s solves a frame. missed: m by which the body misses a sensor."""
+        """True if this tick of `dt` s solves a frame. missed: m, of the body."""
         if missed <= _MISSED_M:
             self.q, self.frames, self.limit_s = None, 0, _MISSED_S
         return self.missed.step(dt, holds=missed > _MISSED_M) > self.limit_s
@@ -189,7 +189,6 @@ class Reconstructor:
         self._balance = Balance(over_feet[0]) if over_feet else None
         self._balance_error = next((i for i, slot in enumerate(self.hierarchy.slots) if slot.kind in _BALANCE), None)
         self._carried = next((Carried(task.by) for task in tasks if isinstance(task, CarriedTask)), None)
-        # The posture of a posture task that lowers with the head.
         self._crouch = next(
             (
                 Crouch(human, upright=task.towards, lowered=task.lowered)
@@ -254,7 +253,7 @@ class Reconstructor:
 
     @property
     def away(self) -> float:
-        """Greatest distance of a sensor from the goal that stands for it, m."""
+        """Greatest distance of a sensor from its goal, m."""
         return self._intake.away
 
     def step(self, sample: SensorSample, dt: float) -> HumanPosture:
@@ -291,8 +290,7 @@ class Reconstructor:
         return float(np.sqrt(squares(away[self._followed]).max(initial=0.0)))
 
     def _try_second_posture(self, missed: float) -> None:
-        """Solve one frame of the second posture for this tick's targets, and take it over if it misses the sensors by
-        less."""
+        """Solve one frame of the second posture, and take it over if it misses the sensors by less."""
         hierarchy, targets = self._second_hierarchy, self._targets
         begin = self._fitted() if self._second.q is None else self._second.q
         hierarchy.solver.reset(begin)
@@ -304,7 +302,7 @@ class Reconstructor:
         away = self._missed(self._reader.joints(q[None])[0, self._joints_of])
         scene, observers = self.scene_obstacles.scene, self.observers
         if away < missed and scene is not None and observers is not None:
-            # A second posture that touches an obstacle is no better: the obstacle may be what keeps the body away.
+            # The obstacle may be what keeps the body away.
             without_self = replace(observers, pairs=np.zeros((0, 2), dtype=np.int64))
             if contacts(self._human.body, without_self, scene, q, time=self.scene_obstacles.time):
                 away = inf
@@ -313,7 +311,7 @@ class Reconstructor:
             self.hierarchy.solver.reset(q)
 
     def _solve(self, points: Points, turns: list[SensorTurn], dt: float, at: FloatArray) -> None:
-        """Set all targets and solve one frame. at (k, 3) m: all goals; `points`: those that are present."""
+        """Set all targets and solve one frame. at (k, 3) m: all goals; `points`: those present."""
         hierarchy, targets, heading = self.hierarchy, self._targets, self._heading.forward
         feet = [points[name] for name in ANKLES if name in points]
         lowered, bent = self._crouched(points, feet)
@@ -361,7 +359,6 @@ class Reconstructor:
         )
 
     def _placed(self) -> FloatArray:
-        """A natural posture (nq,) that faces the heading."""
         forward = self._heading.forward
         half = 0.5 * arctan2(forward[1], forward[0])
         return self._turned((cos(half), 0.0, 0.0, sin(half)))
@@ -375,18 +372,16 @@ class Reconstructor:
         return self._turned(as_quat(best_turn(at_rest[present], self._intake.position[present])))
 
     def _turned(self, orientation: Quat) -> FloatArray:
-        """A natural posture (nq,) with this orientation of the pelvis, wxyz, in the middle of the sensors."""
         q = self._human.posture("natural")
         q[3:7] = orientation
         present = self._intake.present
         if present.any():
             joints = self._reader.joints(q[None])[0]
-            # The mean offset is the least squares translation onto the sensors.
+            # The mean offset is the least squares translation.
             q[:3] += (self._intake.position - joints[self._joints_of])[present].mean(axis=0)
         return q
 
     def _present(self, at: FloatArray) -> Points:
-        """Goals of the present sensors by name, m, of at (k, 3)."""
         goals = zip(self._names, at.tolist(), self._intake.present.tolist(), strict=True)
         return {name: goal for name, goal, is_present in goals if is_present}
 
@@ -402,7 +397,7 @@ class Reconstructor:
         )
 
     def _crouched(self, points: Points, feet: list[list[float]]) -> tuple[float, float]:
-        """Shares, 0 to 1, by which the body is lowered and bent over; 0 without a crouch, head or feet."""
+        """Shares, 0 to 1, by which the body is lowered and bent over."""
         if self._crouch is None or "head" not in points or not feet:
             return 0.0, 0.0
         (x, y, z), (ahead, aside) = points["head"], self._heading.forward
@@ -411,7 +406,6 @@ class Reconstructor:
         return lowered, self._crouch.bent(lowered, (x - middle[0]) * ahead + (y - middle[1]) * aside)
 
     def _lowered(self, points: Points) -> float:
-        """Share of the crouch of a body without ankle sensors, by the height of the head."""
         assert self._feet is not None
         return self._depth.share_by_height(points["head"][2] - self._feet.ankle_height) if "head" in points else 0.0
 

@@ -1,8 +1,8 @@
 """A person's size from sensors alone: a body at rest is fitted to a performer who stands still.
 
 Five sensors do not determine how a length is shared between trunk and legs, or upper arm and forearm, so proportions
-are held near the average by as much as people differ. On four recorded people of known size, in N, A and T, five
-sensors gave stature within 5 mm, arm length within 28 mm and leg length within 14 mm.
+are held near the average. On four recorded people of known size, in N, A and T, five sensors gave stature within 5 mm,
+arm length within 28 mm and leg length within 14 mm.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,8 +28,8 @@ from retarget.model.human_dimensions import (
 )
 from retarget.types import FloatArray
 
-# The parameters of a person at rest: an upright body whose arms and legs have two straight segments each. Proportions
-# are logarithms about the average, so that a sum of squares measures how unusual a person is.
+# The body is upright, with two straight segments in each arm and leg. Proportions are logarithms about the average, so
+# that a sum of squares measures how unusual a person is.
 
 ROOT, HEADING, STATURE, PROPORTIONS, ANGLES, COUNT = slice(0, 3), 3, 4, slice(5, 12), slice(12, 28), 28
 """Layout of the parameters: pelvis position (3) m, heading (rad), log of the stature in m, logs of the proportions (7:
@@ -55,8 +55,7 @@ _GROUPS: tuple[tuple[str, ...], ...] = (
 
 SEGMENT_SPREAD = 0.05  # relative, between people, of a segment's share of stature
 BREADTH_SPREAD = 0.08
-ARM_SPREAD_RAD = 0.6
-"""Spread of the arms forward and back at rest. Sideward they are free, which distinguishes N, A and T."""
+ARM_SPREAD_RAD = 0.6  # forward and back; sideward arms are free, which distinguishes N, A and T
 LEG_SPREAD_RAD = 0.25
 BEND_SPREAD_RAD = 0.15  # of an elbow or knee without a sensor
 SEEN_BEND_SPREAD_RAD = 0.4  # of one with a sensor
@@ -81,7 +80,7 @@ def offsets(parameters: FloatArray) -> FloatArray:
 
 
 def body_points(parameters: FloatArray) -> FloatArray:
-    """All points (23, 3) m of the person, world."""
+    """All points (23, 3) m, world."""
     offset = offsets(parameters)
     direction = _directions(parameters)
     # In the rest frame limbs hang: minus their z is their length.
@@ -94,7 +93,7 @@ def body_points(parameters: FloatArray) -> FloatArray:
 
 
 def prior(parameters: FloatArray, bend_spread: FloatArray) -> FloatArray:
-    """Residuals of the prior: seven proportions, then directions and bends. bend_spread (4,): rad, by limb."""
+    """Residuals of the prior: proportions (7), directions and bends. bend_spread (4,): rad, by limb."""
     spread = np.array([SEGMENT_SPREAD] * len(_GROUPS) + [BREADTH_SPREAD])
     angles = parameters[ANGLES].reshape(4, 2, 2)
     arms, legs = angles[:2, 0, 1], angles[2:, 0]
@@ -105,7 +104,6 @@ def prior(parameters: FloatArray, bend_spread: FloatArray) -> FloatArray:
 
 
 def _directions(parameters: FloatArray) -> FloatArray:
-    """Unit vectors (4, 2, 3) of the limbs' segments in the person's frame, downward at angle zero."""
     sideward, forward = np.moveaxis(parameters[ANGLES].reshape(4, 2, 2), -1, 0)
     side = np.array([[1.0], [-1.0], [1.0], [-1.0]])
     level = cos(forward)
@@ -175,8 +173,6 @@ def fit_rest_pose(
     def residual(unknown: FloatArray) -> FloatArray:
         parameters, offset = unknown[:COUNT], unknown[COUNT:]
         points = body_points(parameters)
-        # A maximum a posteriori fit with normal spreads: of sensors about their joints, of proportions and pose, and of
-        # loose sensors beside their joints.
         off = points[columns] - position
         off[loose_rows] += offset.reshape(-1, 3)
         parts = [off.ravel() / SENSOR_SPREAD_M, prior(parameters, bend), offset / LOOSE_SPREAD_M]
@@ -212,10 +208,7 @@ def fit_rest_pose(
 
 
 def find_rest_frames(frames: SensorFrames) -> tuple[int, ...]:
-    """Frames most like a rest pose, best first, at most `MAX_CANDIDATES`: tall and slow.
-
-    Raises InputError if the sensors that it takes are never valid together.
-    """
+    """Frames most like a rest pose, best first, at most `MAX_CANDIDATES`. Raises InputError if there are none."""
     needed = [name for name in (*REQUIRED, *ANKLES) if name in frames.names]
     columns = np.array([frames.index(name) for name in needed])
     seen = frames.valid[:, columns]
@@ -256,12 +249,11 @@ def standing_stature(frames: SensorFrames, at: int) -> float:
 
 
 def _head_height(sensors: Mapping[str, FloatArray]) -> tuple[float, float, float]:
-    """Return the head's height (m) above the ankles, or the ground, its share of stature, and the ground's height."""
+    """Height (m) of the head above the ankles, or the ground, its share of stature, and the ground's height."""
     head = float(sensors["head"][2])
     if not set(ANKLES) <= set(sensors):
         return head, FRACTIONS.head_height, 0.0
     ankles = float(np.mean([sensors[name][2] for name in ANKLES]))
-    # The average person's ankles are this share of the height between ankles and head above the ground.
     ground = ankles - FRACTIONS.ankle_height / (FRACTIONS.head_height - FRACTIONS.ankle_height) * (head - ankles)
     return head - ankles, FRACTIONS.head_height - FRACTIONS.ankle_height, ground
 
@@ -274,7 +266,6 @@ def may_stand(sensors: Mapping[str, FloatArray]) -> bool:
 
 
 def _first_guess(sensors: Mapping[str, FloatArray], *, source: str) -> FloatArray:
-    """Initial parameters: heading from left and right, stature from the head, arms from the wrists."""
     above, share, ground = _head_height(sensors)
     if not may_stand(sensors):
         low, high = STATURE_M
@@ -286,7 +277,7 @@ def _first_guess(sensors: Mapping[str, FloatArray], *, source: str) -> FloatArra
             next_step="Check the unit and the upward axis, and stand upright to calibrate",
         )
     stature = above / share
-    # The normal on the ground of the line from right to left is where the person faces.
+    # The normal of the line from right to left is where the person faces.
     left = sensors["l_wrist"] - sensors["r_wrist"]
     half_span = 0.5 * hypot(left[0], left[1])
     if set(ANKLES) <= set(sensors):

@@ -24,13 +24,13 @@ class Performing(Protocol):
 
     @property
     def paused(self) -> bool:
-        """True while the operator pauses the robot, which then holds without a limit in time."""
+        """True while the operator pauses the robot."""
 
     def may_approach(self) -> bool:
         """True if the robot is to go on with its approach. Called in every tick of it."""
 
     def sample(self, tick: int) -> SensorSample | None:
-        """The sensors at a tick. None: they are not valid and the robot is to hold; never at tick 0."""
+        """The sensors at a tick; None, but never at tick 0, if the robot is to hold."""
 
     @property
     def hold_reason(self) -> str:
@@ -58,13 +58,13 @@ class Samples(Performing, Protocol):
 
     @property
     def over(self) -> bool:
-        """True if the performance has ended before its last tick, as a recorded stream does."""
+        """True if the performance has ended before its last tick."""
 
     def poll(self) -> None:
-        """Take in what a stream has sent. Called in every tick, also during a hold."""
+        """Take in the stream's data, also during a hold."""
 
     def hold(self) -> None:
-        """Hold though the sensors are valid. A stream is followed again as after any hold."""
+        """Hold though the sensors are valid."""
 
     def recorded(self) -> "Clip":
         """The samples of the followed ticks, for reports and recordings."""
@@ -72,10 +72,9 @@ class Samples(Performing, Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PerformerInput:
-    """The performer at a tick, in states in which the robot moves with it.
+    """The performer at a tick. tick: of the performance, None before it begins. sample: None for a hold.
 
-    tick: of the performance, None before following begins. sample: None for a hold. may_go_on: True if the robot may
-    follow or go on with its approach; else hold_reason. paused: by the operator.
+    may_go_on: True if the robot may follow or go on with its approach; else hold_reason.
     """
 
     tick: int | None = None
@@ -101,8 +100,7 @@ Parts = Literal["whole", "upper"]
 LOOP_LIMIT_S = 600.0  # a loop ends by itself, s of the run
 SEAM_S = 1.0  # of the performer's time, from the last frame of a loop to its first
 MAX_KEPT = 80_000
-"""Most ticks that are kept for the report, 10 minutes at 125 Hz. A row and its sample take 3.3 KB with 20 servos, and a
-run is to stay within 600 MB."""
+"""Most ticks that are kept for the report, 10 minutes at 125 Hz. With 20 servos a row and its sample take 3.3 KB."""
 SPEEDS = (0.01, 10.0)
 RATES_HZ = (1.0, 2000.0)  # [Hz] of `--rate`; values beyond these limits are mistyped
 
@@ -139,9 +137,9 @@ class Playback:
 class Clip:
     """A motion on ticks. frames: row i is the sample of tick i, on the run's clock.
 
-    ticks: of the run, more than the rows of a loop or of a long run. source_frames: number of played frames. left_out:
-    the calibration pose before them. lap: ticks until a loop begins again. beyond: the recording, on the performer's
-    time, for ticks without a row. with_jumps: the clip before jumps were taken out, None if it had none.
+    ticks: of the run, more than the rows of a loop or of a long run. source_frames: number of played frames. lap: ticks
+    until a loop begins again. beyond: the recording, on the performer's time, for ticks without a row. with_jumps: the
+    clip before jumps were taken out, if it had any.
     """
 
     frames: SensorFrames
@@ -198,7 +196,7 @@ class Clip:
         return on_grid(SensorSample(frames.names, frames.position[row], frames.orientation[row], frames.valid[row]))
 
     def jumped(self, tick: int) -> BoolArray:
-        """Mask (k,) of the sensors that are taken out at a tick because no person moves so."""
+        """Mask (k,) of the sensors that are taken out at a tick."""
         whole, sane = self.with_jumps, self.sample(tick).valid
         return np.zeros_like(sane) if whole is None else whole.sample(tick).valid & ~sane
 
@@ -218,11 +216,11 @@ class Clip:
         return self
 
     def frames_played(self, ticks: int) -> int:
-        """Number of recorded frames, counted again in each lap, that the first ticks play."""
+        """Number of recorded frames in the first ticks, by lap."""
         return round(self.source_frames * ticks / (self.lap or len(self.frames)))
 
     def rows(self, ticks: int) -> NDArray[np.int64]:
-        """Rows (ticks,) of `frames` that the first ticks show."""
+        """Rows (ticks,) of `frames` in the first ticks."""
         return np.arange(ticks, dtype=np.int64) % len(self.frames)
 
     def truth(self, names: tuple[str, ...], ticks: range) -> FloatArray | None:
@@ -243,7 +241,7 @@ class Clip:
 def lay_on_ticks(
     frames: SensorFrames, *, performer: Performer, playback: Playback, rate_hz: float | None = None
 ) -> Clip:
-    """Interpolate a recording onto ticks. rate_hz None: the rate of the recording.
+    """Interpolate a recording onto ticks, by default at its own rate.
 
     Raises UsageError: a sensor is missing, the cut is empty, or the rate or length is impossible.
     """
@@ -297,9 +295,8 @@ def _laid(frames: SensorFrames, playback: Playback, rate: float, pose: "Calibrat
 
 
 CALIBRATION_JUMP, CALIBRATION_JUMP_M = 5.0, 0.05
-"""A calibration pose ends where a sensor jumps by this many times its usual step in the motion after it, plus m."""
-CALIBRATION_FRAMES, MOTION_S = 6, 0.25
-"""Most frames of a calibration pose, as some files blend from it to the motion, and s of the motion that count."""
+"""A calibration pose ends where a sensor jumps by this many times its usual step, plus m."""
+CALIBRATION_FRAMES, MOTION_S = 6, 0.25  # frames of a calibration pose, and s of the motion after it that count
 
 
 @dataclass(frozen=True)

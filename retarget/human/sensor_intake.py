@@ -1,8 +1,8 @@
-"""Sensor intake: goals of the body that follow the sensors without jumps and stay within the reach of a body.
+"""Sensor intake: goals of the body that follow the sensors without jumps, within the reach of a body.
 
-The goal of a lost sensor stands still for a while, as does that of a sensor that jumps faster than a human: most jumps
-come back. A spike counts as lost while it lasts. A sensor that is back, or stays where it jumped to, is blended in: its
-goal goes from where it was to the sensor. After a hold all sensors are blended in slowly, from where the body has them.
+The goal of a lost sensor stands still for a while, as does that of a sensor that jumps: most jumps come back. A sensor
+that is back, or stays where it jumped to, is blended in: its goal goes from where it was to the sensor. After a hold
+all sensors are blended in slowly, from where the body has them.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from retarget.types import BoolArray, FloatArray
 FASTEST_M_S = 15.0  # the fist of a boxer reaches about 10 m/s
 HARDEST_M_S2, SPIKE_M = 300.0, 0.04
 """Greatest acceleration of a sensor on a person, heel strikes included, and noise beside its motion. In 17 recordings
-without faults no sensor is more than 36 mm beside its motion at 120 Hz; 50 mm is allowed."""
+without faults it is 36 mm at most at 120 Hz; 50 mm is allowed."""
 FASTEST_RAD_S = 30.0  # no head or pelvis turns faster
 FADED = 1e-6  # [m or rad] a nearer goal has arrived
 VELOCITY_SETTLE_S = 0.02  # low-pass on a sensor's velocity
@@ -28,8 +28,8 @@ DOUBT_S = 0.1  # [s] a sensor that jumped must stay this long before it is blend
 
 @dataclass(frozen=True)
 class IntakeTimes:
-    """Times and speeds of the intake. hold: s for which the goal of a lost sensor stands still. fade: time constant, s,
-    of the blend, whose speed is limited to `speed`, m/s, and `turn`, rad/s."""
+    """Times of the intake. hold: s for which the goal of a lost sensor stands still. fade: time constant of the blend,
+    s, at most at `speed`, m/s, and `turn`, rad/s."""
 
     hold: float = 0.2
     fade: float = 0.05
@@ -38,15 +38,14 @@ class IntakeTimes:
 
 
 SLOW_INTAKE = IntakeTimes(hold=0.08, fade=0.25, speed=0.25, turn=2.0)
-"""For streams, and for all sensors after a hold. An elbow then uses at most half of its servo's speed. A stream's
-sensor becomes invalid within 0.2 s, and so takes no part after 0.3 s."""
+"""For streams, and for all sensors after a hold: an elbow then uses at most half of its servo's speed. A stream's
+sensor becomes invalid within 0.2 s, and takes no part after 0.3 s."""
 
 
 class SensorIntake:
     """The goals of k sensors: `position` (k, 3) m, world, and `orientation` (k, 4) wxyz, NaN where unknown.
 
-    present (k,): mask of sensors that have a goal; all_present: True if all have. away: greatest distance, m, of a goal
-    from its sensor.
+    present (k,): mask of sensors that have a goal. away: greatest distance, m, of a goal from its sensor.
     """
 
     def __init__(self, count: int, times: IntakeTimes | None = None) -> None:
@@ -69,7 +68,7 @@ class SensorIntake:
         self._slow: BoolArray = np.zeros(count, dtype=bool)  # sensors that have not arrived since a hold
 
     def start(self, position: FloatArray, orientation: FloatArray, valid: BoolArray) -> None:
-        """Take the valid sensors of the first sample, (k, 3) m and (k, 4) wxyz, as they are."""
+        """Take the valid sensors of the first sample as they are."""
         self.position[:] = np.where(valid[:, None], position, 0.0)
         self.measured[:] = self._sent[:] = self.position
         self._velocity[:] = np.nan
@@ -95,9 +94,7 @@ class SensorIntake:
     ) -> None:
         """Take the sample `dt` s later: (k, 3) m, (k, 4) wxyz. reached (k, 3): where the body has the sensors."""
         moved, since = position - self.measured, dt + np.where(np.isfinite(self._lost_for), self._lost_for, 0.0)
-        # NaN compares false, so an invalid sensor is never calm.
         calm = squares(moved) <= np.square(FASTEST_M_S * since)
-        # Jumps are handled below, and without a velocity any direction is possible.
         most = SPIKE_M + 0.5 * HARDEST_M_S2 * since * since
         on_path = (
             (squares(moved - self._velocity * since[:, None]) <= most * most)
@@ -112,8 +109,6 @@ class SensorIntake:
         else:
             self.measured[:] = position
         self._sent[valid] = position[valid]
-        # The velocity of an accepted sensor is low-passed. After an absence it is the mean velocity, after a jump
-        # unknown.
         now, anew = moved / since[:, None], (since > dt) | np.isnan(self._velocity[:, 0])
         old = np.where(anew[:, None], now, self._velocity)
         smooth = low_pass(old, now, dt / VELOCITY_SETTLE_S)
@@ -133,7 +128,7 @@ class SensorIntake:
 
     def _blend(self, dt: float) -> None:
         """Move goals towards their sensors by one common share, so that a body between two feasible postures is
-        feasible. A goal stays where it is while its sensor comes nearer."""
+        feasible."""
         offset, angles = self.position - self.measured, np.zeros(len(self.present))
         grown = squares(offset) > squares(self._offset)
         offset[grown] = self._offset[grown]
@@ -158,7 +153,7 @@ class SensorIntake:
         np.add(self.measured, offset, out=self.position)
 
     def _believed(self, position: FloatArray, valid: BoolArray, dt: float) -> BoolArray:
-        """Mask (k,) of valid sensors that have not just jumped: those that did not, are back, or have stayed."""
+        """Mask (k,) of valid sensors that have not just jumped."""
         step = squares(position - self._sent)
         jumps = valid & (step > np.square(FASTEST_M_S * (dt + self._lost_for)))
         # A jump that ends much nearer to where the one before began leads back.
@@ -173,7 +168,6 @@ class SensorIntake:
     def _take_irregular(
         self, position: FloatArray, valid: BoolArray, calm: BoolArray, *, reached: FloatArray, dt: float
     ) -> None:
-        """Handle losses, returns and jumps. A sensor that has jumped is not valid until it is accepted."""
         absent_before = ~self.present
         back = valid & (absent_before | (self._lost_for > 0.0))
         goal_before = np.where(absent_before[:, None], reached, self.position)
@@ -203,8 +197,8 @@ def without_spikes(time: FloatArray, position: FloatArray) -> FloatArray:
     return cleared
 
 
-# A faulty tracker may report a wrist metres away. The hierarchy would stretch the whole body after it, singular and
-# oscillating. So a goal is drawn in to where a body of this size could just have it.
+# A faulty tracker may report a wrist metres away, and the hierarchy would stretch the whole body after it. So a goal is
+# drawn in to where a body of this size could have it.
 
 TRUNK_STRETCH = 1.25  # greatest distance of two points of the trunk, as a multiple of that at rest
 REACH_KNEE = 0.05  # share of the greatest distance, at its end, into which farther goals are drawn
@@ -220,7 +214,6 @@ class Reach:
     """Largest distances of k sensors from the anchor: the pelvis if it has a sensor, else the head."""
 
     def __init__(self, sensors: Sequence[str], joints: Sequence[str], dimensions: HumanDimensions) -> None:
-        """joints: the joint of each sensor."""
         self._anchor = next((sensors.index(name) for name in ("pelvis", "head") if name in sensors), None)
         anchor = joints[0 if self._anchor is None else self._anchor]
         self._furthest = np.array([_furthest(anchor, joint, dimensions) for joint in joints])
@@ -245,7 +238,6 @@ def _furthest(anchor: str, joint: str, dimensions: HumanDimensions) -> float:
 
 
 def _from_trunk(joint: str, dimensions: HumanDimensions) -> tuple[str, float]:
-    """Return the joint of the trunk that a limb hangs on and the limb's length up to `joint`, m."""
     side, kind = (joint[:2], joint[2:]) if joint[1] == "_" else ("", joint)
     for root, chain in _LIMB_CHAINS.items():
         if kind in chain:

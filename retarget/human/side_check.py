@@ -1,7 +1,4 @@
-"""The check of sides: a performer raises the left arm to the front.
-
-This shows that left and right and up and down are not swapped, and that the world is not mirrored.
-"""
+"""The check of sides: a raised left arm shows that no axis of the world is mirrored or swapped."""
 
 import numpy as np
 
@@ -18,7 +15,6 @@ SURE_S = 0.2  # a single jump proves nothing
 
 RAISED, ASIDE = "left rose", "left rose aside"
 REFUSED = ("right rose", "left rose behind", "left sank", "right sank")
-"""Symptoms of wrong axes (`retarget/live/advice.yaml`), seen instead of RAISED."""
 
 
 class SideCheck:
@@ -27,9 +23,8 @@ class SideCheck:
     def __init__(self, rest: FloatArray) -> None:
         """rest (2, 3) m: the left and the right wrist at rest; x forward, z up."""
         self.seen = ""
-        """Motion of one wrist for long enough, while the other stayed: RAISED, ASIDE, one of REFUSED, or ""."""
-        self.aside = False
-        """True once the left arm was raised to the side."""
+        """Motion of one wrist for long enough while the other stayed: RAISED, ASIDE, one of REFUSED, or ""."""
+        self.aside = False  # the left arm was raised to the side
         self._rest = np.array(rest, dtype=float)
         self._highest = np.zeros(2)  # [m] above rest, so far, of the left and the right wrist
         self._forward = 0.0  # [m] forward of rest, of the left wrist when it was highest
@@ -56,7 +51,7 @@ class SideCheck:
 
 
 def _what_moved(moved: FloatArray) -> str:
-    """Motion of one wrist while the other stayed, or "". moved (2, 3) m: from where they hang."""
+    """Motion of one wrist while the other stayed, or "". moved (2, 3) m."""
     for row, side in enumerate(("left", "right")):
         (forward, _, up), other = moved[row], moved[1 - row]
         if not (abs(other[2]) < OTHER_RISE_M and hypot(other[0], other[1]) < STAYS_M):  # nor NaN

@@ -11,8 +11,7 @@ from retarget.human.posture_prior import ANKLES
 from retarget.human.rest_pose import REQUIRED, may_stand
 from retarget.types import FloatArray
 
-PAIRS = ("ankle", "wrist", "hip", "shoulder", "knee", "elbow")
-"""Pairs whose line from right to left shows where a person faces."""
+PAIRS = ("ankle", "wrist", "hip", "shoulder", "knee", "elbow")  # the line from right to left shows where a person faces
 NARROWEST_M = 0.05  # nearer pairs show no direction
 
 
@@ -35,7 +34,7 @@ def refuse_sides(at: Mapping[str, FloatArray], *, where: str, turns: Mapping[str
     """Raise InputError if left and right are swapped, limbs are crossed, or the performer is mirrored.
 
     at: positions (3,) m, z up. turns: orientations (4,) wxyz in canonical axes. Passes if the head is not as high as a
-    standing person's: then unit or axes are wrong. Only toes and orientations can show a mirror image.
+    standing person's, as unit or axes are then wrong. Only toes and orientations show a mirror image.
     """
     if "head" not in at or not may_stand(at):
         return
@@ -48,7 +47,7 @@ def _refuse_crossed(at: Mapping[str, FloatArray], *, where: str) -> None:
     if not lines:
         return
     widest = max(lines.values(), key=norm)
-    # The distance of each left sensor to the left of its right one, along the line of the widest pair.
+    # Distance of each left sensor to the left of its right one, along the line of the widest pair.
     left = {part: dot(line, widest) / max(norm(widest), NARROWEST_M) for part, line in lines.items()}
     other = [f"{part}s" for part, by in left.items() if by < -NARROWEST_M]
     same = [f"{part}s" for part, by in left.items() if by > NARROWEST_M]
@@ -67,7 +66,6 @@ def _refuse_crossed(at: Mapping[str, FloatArray], *, where: str) -> None:
 
 
 def _refuse_backward(at: Mapping[str, FloatArray], turns: Mapping[str, FloatArray], *, where: str) -> None:
-    """Raise InputError for toes or orientations that point to the back."""
     forward = facing_of(at)
     if forward is None:
         return
@@ -91,8 +89,8 @@ def _refuse_backward(at: Mapping[str, FloatArray], turns: Mapping[str, FloatArra
 
 
 FEET_APART_M = 0.5
-"""Ankles of a grown person at rest are nearer. At this width the head is 1 % lower, of the smallest live performer (1.2
-m) 2 %. Wider ankles would make long legs and a first posture that no robot takes on its soles."""
+"""Ankles of a grown person at rest are nearer. Wider ankles lower the head by 1 to 2 %, make long legs, and a first
+posture that no robot takes on its soles."""
 FEET_LEVEL_M = 0.05  # shoes, straps and noise make less; it changes a stature by 2 %
 OFF_BASE_M = 0.15  # the head stands 5 cm ahead of the ankles
 HANDS_AHEAD_M = 0.3

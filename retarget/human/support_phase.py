@@ -1,8 +1,7 @@
 """Support phase, from height and speed of the ankles: both feet, left, right, or none in flight.
 
-The height of the floor is estimated from the carrying feet, as recordings tilt and trackers drift. A foot lifts off
-when it is high or fast, touches down when it is low and slow, and else keeps its state. A flight ends after
-LONGEST_FLIGHT_S: then the lower foot stands on something else.
+The floor is estimated from the carrying feet, as recordings tilt and trackers drift. A foot lifts off when it is high
+or fast, and touches down when it is low and slow.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,8 +15,8 @@ from retarget.types import Carrying
 LIFTED_M, TOUCHDOWN_M = 0.06, 0.04  # above the other foot's ankle; shoes and noise are less
 LEFT_M = 0.1  # above the floor; lower, a foot may carry on its toes
 LIFT_M_S, LAST_LIFT_M_S, TOUCHDOWN_M_S = 0.8, 1.5, 0.6
-"""A foot lifts off above the first speed, the last foot above the second, as it rolls over its toes; it touches down
-below the third."""
+"""A foot lifts off above the first speed, m/s, the last foot above the second, as it rolls over its toes, and touches
+down below the third."""
 LIFT_DWELL_S, TOUCHDOWN_DWELL_S = 0.05, 0.02  # before the state of a foot changes
 LONGEST_FLIGHT_S = 0.8  # a jump of 0.8 m
 FOOT_SPEED_SETTLE_S = 0.03  # low-pass on a foot's speed
@@ -28,14 +27,14 @@ _OF_FEET = {one.feet: one for one in Carrying}
 
 
 class CarryingFeet:
-    """Estimates `carrying` from the ankles tick by tick, in the performer's time. Left comes before right."""
+    """Estimates `carrying` from the ankles tick by tick, in the performer's time."""
 
     def __init__(self) -> None:
         self.carrying = Carrying.BOTH
         self._velocity: tuple[Velocity, ...] = ()
 
     def start(self, ankles: Sequence[Point]) -> Carrying:
-        """Begin on the lower foot, and on the other unless it is high above. ankles: of both, m."""
+        """Begin on the lower foot, and on the other unless it is high above. ankles: left and right, m."""
         self._floor, self._flight = min(ankle[2] for ankle in ankles), Dwell()
         self._velocity = (Velocity(FOOT_SPEED_SETTLE_S, 3), Velocity(FOOT_SPEED_SETTLE_S, 3))
         self._speeds(ankles, 0.0)
@@ -57,13 +56,12 @@ class CarryingFeet:
             dwell = self._otherwise[foot]
             if dwell.step(dt, holds=otherwise) > (LIFT_DWELL_S if carries else TOUCHDOWN_DWELL_S):
                 self._carries[foot], dwell.held = not carries, 0.0
-        # A flight that is too long ends as soon as the lower foot is slow: it stands on another floor.
+        # The lower foot of a flight that is too long stands on another floor.
         flown = self._flight.step(dt, holds=not any(self._carries))
         lower = 0 if ankles[0][2] < ankles[1][2] else 1
         if flown > LONGEST_FLIGHT_S and speeds[lower] < TOUCHDOWN_M_S:
             self._floor, self._flight.held = ankles[lower][2], 0.0
             self._carries[lower] = True
-        # The floor rises slowly and falls at once, as no foot can be below it.
         down = [ankle[2] for ankle, carries in zip(ankles, self._carries, strict=True) if carries]
         if down:
             lowest = min(down)
@@ -71,7 +69,7 @@ class CarryingFeet:
         return self._decide()
 
     def _lifts_off(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
-        """True if a carrying foot seems to lift off. On tiptoe both ankles are high, and alike."""
+        """On tiptoe both ankles are high, and alike."""
         height, other = ankles[foot][2], 1 - foot
         if self._carries[other]:
             return speeds[foot] > LIFT_M_S or height - min(self._floor + LEFT_M, ankles[other][2] + LIFTED_M) > 0.0
@@ -90,16 +88,14 @@ class CarryingFeet:
 
 # Neither a weight nor its rate may jump, as joints would jump with it. Hence two low-passes in a row.
 
-SHARE_SETTLE_S = 0.03
-"""Time constant of each low-pass: a change is half done after 0.05 s, nine tenths after 0.12 s. A walking foot is 0.4 s
-in the air."""
+SHARE_SETTLE_S = 0.03  # a change is half done after 0.05 s; a walking foot is 0.4 s in the air
 
 
 class PhaseShares:
-    """Shares of the phases of support: `now`, of sum 1, without a jump of value or rate."""
+    """Shares of the phases of support, without a jump of value or rate."""
 
     def __init__(self) -> None:
-        # load of the left foot + i times that of the right one, behind one low-pass and behind both
+        # Load of the left foot + i times that of the right one, behind one low-pass and behind both.
         self._once = self._twice = _loads(Carrying.BOTH)
 
     @property

@@ -1,6 +1,6 @@
-"""Inverse kinematics: strict levels of tasks and inequalities on any MJCF or URDF, and robots' stances and stops.
+"""Inverse kinematics: strict levels of tasks and inequalities on any MJCF or URDF.
 
-Bodies and priority files come in; solvers, postures and stop paths go out. The public names below are the library of
+Bodies and priority files come in; solvers, stances and stop paths go out. The names below are the library of
 docs/ik.md. May import schema and model.
 """
 

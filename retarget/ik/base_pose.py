@@ -31,7 +31,6 @@ def plant_root(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
     turn = product(there, inverse(here))
     q[:3] = plus(planted, rotated(turn, minus(as_vector(q[:3]), moved)))
     w, x, y, z = product(turn, as_quat(q[3:7]))
-    # Rounding takes products of unit quaternions from unit length.
     norm = sqrt(w * w + x * x + y * y + z * z) or nan
     q[3:7] = (w / norm, x / norm, y / norm, z / norm)
 
@@ -47,7 +46,6 @@ def plant_roots(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
     rows = np.arange(len(q))
     foot = planted[:, :, 2].argmin(axis=1)
     there, here = (robot.orientations(postures, frames)[rows, foot] for postures in (before, q))
-    # T_root' = T_planted * inverse(T_moved) * T_root
     turn = rotations.multiply(there, rotations.conjugate(here))
     q[:, :3] = planted[rows, foot] + rotations.rotate(turn, q[:, :3] - moved[rows, foot])
     q[:, 3:7] = rotations.normalise(rotations.multiply(turn, q[:, 3:7]))
@@ -60,6 +58,5 @@ def lift_soles(robot: RobotBody, q: FloatArray) -> None:
 
 
 def _sole(placed: FloatArray, links: FloatArray, link: int, point: FloatArray) -> tuple[Quat, Vector]:
-    """Orientation of a link and position of its point, world, from the origins and orientations of all links."""
     turn = as_quat(links[link])
     return turn, plus(as_vector(placed[link]), rotated(turn, as_vector(point)))

@@ -1,12 +1,12 @@
 """Gravity torque of a robot on its soles (inverse dynamics), and the compliance of its joints on P servos.
 
-The mass m has an acceleration a, and its angular momentum about the centre of mass changes at a rate M. The soles then
-press on the ground with -m (g + a) at the zero-moment point. Each takes its share of that force, in its direction:
+The mass m has an acceleration a, and its angular momentum changes at a rate M. Each sole takes a share of the force -m
+(g + a) on the ground at the zero-moment point:
 
     torque = m (g + a) J_com - sum_i share_i m (g + a) J_i
 
-J_com: Jacobian of the centre of mass; J_i: of the point of sole i through which its force goes. This is exact at rest,
-up to what the soles press against each other.
+J_com: Jacobian of the centre of mass; J_i: of the point of sole i through which its force goes. At rest this is exact,
+up to what soles press against each other.
 """
 
 import numpy as np
@@ -25,12 +25,12 @@ NO_MOMENT = np.zeros(2)  # N m
 
 
 class GravityTorque:
-    """The gravity torques of one robot in a stance on one sole or two."""
+    """The gravity torques of a robot in a stance."""
 
     def __init__(self, robot: RobotBody, stance: Stance) -> None:
         self._body = robot.body.solver_body()
         self._mass = robot.body.total_mass
-        # Turn (3, 3) and offset (3,) m from the world to the link of each planted sole: local = turn @ world + offset.
+        # Map from the world to the link of each planted sole: local = turn (3, 3) @ world + offset (3,) m.
         self._soles = []
         for sole in stance.soles:
             link = rotations.multiply(sole.orientation, rotations.conjugate(sole.frame.quat))
@@ -48,8 +48,7 @@ class GravityTorque:
         """Torque of every DoF (nv,), N m, in a posture q (nq,) on planted soles. A torque of a free root is a loss of
         balance.
 
-        acceleration: of the centre of mass, (3,) m/s^2. moment: rate of the angular momentum about it, (2,) N m about
-        x, y.
+        acceleration: of the centre of mass, (3,) m/s^2. moment: rate of the angular momentum, (2,) N m about x, y.
         """
         com = self._body.centre_of_mass(q[None])[0]
         force = self._mass * (UPWARD + acceleration)
@@ -64,7 +63,6 @@ class GravityTorque:
         return np.asarray(torque)
 
     def _shares(self, pressed: FloatArray) -> FloatArray:
-        """Share of each sole (k,) in a force at (2,) m, by its projection onto the line between their middles."""
         if len(self._middles) == 1:
             return np.ones(1)
         first, second = self._middles
@@ -87,22 +85,16 @@ class LinkMasses:
         return np.asarray(self._probe.read(q)[0])
 
     def sums(self, places: FloatArray, accelerations: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Acceleration (3,) m/s^2 of the centre of mass, and rate (2,) N m, about x and y, of the angular momentum
-        about it.
-
-        places (k, 3) m and accelerations (k, 3) m/s^2: of the masses.
-        """
+        """Acceleration (3,) m/s^2 of the centre of mass, and rate (2,) N m of the angular momentum about it."""
         total = self._masses.sum()
         middle = matmul(self._masses, places) / total
         turning = matmul(self._masses, np.cross(places - middle, accelerations))
         return matmul(self._masses, accelerations) / total, turning[:2]
 
 
-# A position loop with a pure P gain is a spring.
-
-
 def joint_compliance(robot: RobotBody) -> FloatArray:
-    """Joint deflections by joint torques: (n, n) rad per N m, in servo order. Coupled joints deflect together."""
+    """Joint deflections by joint torques: (n, n) rad per N m, in servo order. A position loop with a P gain is a
+    spring."""
     servos = robot.joint_map.servos
     of_shaft = np.array([1.0 / loop_stiffness(servo) for servo in servos])
     compliance = np.diag(of_shaft / np.square([servo.gear for servo in servos]))

@@ -1,7 +1,7 @@
 """A priority file compiled for one body: a solver whose targets are set by name; and the scene around it.
 
-The caller owns the flat target vector: `blank` makes it, the setters write this tick's targets, `solver.frame` reads
-it. A target that is not set is absent. Names that no task uses are ignored.
+The caller owns the target vector: `blank` makes it, the setters write this tick's targets, `solver.frame` reads it. A
+target that is not set is absent. Names that no task uses are ignored.
 """
 
 from collections.abc import Callable, Container, Mapping, Sequence
@@ -25,8 +25,6 @@ from retarget.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Place of a slot in the target vector: a weight at `start`, then the target up to `stop`."""
-
     slot: Slot
     start: int
     stop: int
@@ -40,7 +38,7 @@ class _Place:
 
 
 class Hierarchy:
-    """A priority file compiled for a body: a solver, and the names of its targets."""
+    """A priority file compiled for a body."""
 
     def __init__(
         self,
@@ -61,10 +59,9 @@ class Hierarchy:
         phased: bool = False,
     ) -> None:
         """frames: of the names in `of`. postures: q (nq,) by name. fed: names whose targets will ever be set (all of
-        `frames`); tasks on others are left out. limbs: of limb tasks. lengths: m, of landmarks, for weights per length.
-        locked (nv,): DoFs that never move. iterations: instead of the file's. damping: of the solver, `DAMPING` for
-        each iteration if absent, as every iteration lowers the error. observers: of itself and of `scene`. phased:
-        `set_phases` is called in every tick.
+        `frames`); tasks on others are left out. lengths: m, of landmarks, for weights per length. locked (nv,): DoFs
+        that never move. iterations: instead of the file's. damping: `DAMPING` for each iteration if absent, as every
+        iteration lowers the error. phased: `set_phases` is called in every tick.
 
         Raises ConfigError: a name that the body lacks, or phases of support without `phased`.
         """
@@ -81,7 +78,6 @@ class Hierarchy:
         )
         shapes = scene.with_margin(priorities.observers.obstacle_margin)
         self.observers = None if watching is None else watching.for_solver(body, shapes)
-        """The observers of itself and of obstacles, as the solver has them."""
         n_ik = priorities.iterations if iterations is None else iterations
         self.solver = _solver.Solver(
             body.solver_body(),
@@ -103,7 +99,7 @@ class Hierarchy:
                 found=f"when: {', '.join(by_phase.when)}",
                 next_step="Leave `when` out: it is for a human",
             )
-        """Names of the entries of `solver.task_errors`."""
+        # Names of the entries of `solver.task_errors`.
         self.labels = tuple(f"{slot.kind.value} {slot.name}" for slot in self.slots)
         self._keep_places(levels)
         self._blank = self._make_blank(postures)
@@ -111,8 +107,7 @@ class Hierarchy:
     def _keep_places(self, levels: Sequence[Sequence[Slot]]) -> None:
         self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
         self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
-        self.spans: list[slice] = []
-        """Slice of the target vector of each level."""
+        self.spans: list[slice] = []  # of each level in the target vector
         end = 0
         for level, slots in enumerate(levels):
             start = end
@@ -148,8 +143,8 @@ class Hierarchy:
         self._set(targets, SlotKind.POSITION, name, position, weight)
 
     def position_slots(self, names: Sequence[str], kind: SlotKind = SlotKind.POSITION) -> tuple[IntArray, IntArray]:
-        """Source (m,) and target (m, 4) indices for `targets[target] = block[source]`, with `block` (len(names), 4) of
-        rows weight, x, y, z."""
+        """Source (m,) and target (m, 4) indices for `targets[target] = block[source]`, block (len(names), 4) of weight,
+        x, y, z."""
         found = [(row, place.start) for row, name in enumerate(names) for place in self._by_name.get((kind, name), ())]
         pairs = np.array(found, dtype=np.int64).reshape(-1, 2)
         return pairs[:, 0], pairs[:, 1:] + np.arange(4)
@@ -169,7 +164,7 @@ class Hierarchy:
         self._set(targets, SlotKind.LOOK_AT, name, point, weight)
 
     def set_centre_of_mass(self, targets: FloatArray, position: FloatArray, weight: float = 1.0) -> None:
-        """Set the centre of mass of an `over_feet` task, world (3,) m. Rows of weight 0 ignore it."""
+        """Set the centre of mass of an `over_feet` task, world (3,) m."""
         self._set(targets, SlotKind.OVER_FEET, "over_feet", position, weight)
 
     def set_support(self, targets: FloatArray, spaces: FloatArray) -> None:
@@ -178,16 +173,16 @@ class Hierarchy:
             place.set_spaces(targets, spaces)
 
     def set_strength(self, targets: FloatArray, joint: str, spaces: FloatArray) -> None:
-        """Set the limit of a joint that carries: half-spaces (0 or 1, 7) n . c + m . o <= d for the centre of mass c
-        and the joint's position o."""
+        """Set half-spaces (0 or 1, 7) n . c + m . o <= d of a joint that carries, for the centre of mass c and the
+        joint's position o."""
         for place in self._by_name.get((SlotKind.STRENGTH, joint), ()):
             place.set_spaces(targets, spaces)
 
     def set_heading(
         self, targets: FloatArray, heading: Sequence[float], *, lowered: float = 0.0, bent: float = 0.0
     ) -> None:
-        """Set the heading (x, y), a unit vector, of heading and axis tasks. lowered, bent: shares of an axis's lowered
-        and bent direction, 0 to 1."""
+        """Set the heading (x, y), a unit vector. lowered, bent: shares of an axis's lowered and bent direction, 0 to
+        1."""
         cosine, sine = heading
         for place, (x, y, z) in self._turned:
             for direction, share in ((place.slot.lowered, lowered), (place.slot.bent, bent)):
@@ -200,7 +195,7 @@ class Hierarchy:
             targets[place.start : place.stop] = (1.0, cosine * x - sine * y, sine * x + cosine * y, z)
 
     def set_phases(self, targets: FloatArray, shares: Mapping[Phase, float]) -> None:
-        """Weigh tasks of some phases of support, after everything else is set. shares: of each phase, of sum 1."""
+        """Weigh tasks by the shares of the phases of support, of sum 1, after everything else is set."""
         for place in self._phased:
             targets[place.start] *= fsum(shares[phase] for phase in place.slot.when)
 
@@ -290,19 +285,16 @@ def body_frames(body: BodyModel) -> dict[str, Frame]:
     return {name: body.frame(name) for name in (*body.body_names[1:], *(frame.name for frame in body.frames))}
 
 
-Build = Callable[[Priorities, BoolArray], Hierarchy]
-"""Makes a hierarchy from priorities and locked DoFs (nv,)."""
+Build = Callable[[Priorities, BoolArray], Hierarchy]  # from priorities and locked DoFs (nv,)
 
 
 class SceneObstacles:
-    """The obstacles of a hierarchy over time, s of the scene. Until `begin` they stand where they are at time 0."""
+    """The obstacles of a hierarchy, s of the scene. Until `begin` they stand where they are at time 0."""
 
     def __init__(self, scene: SceneState | None) -> None:
         self.scene = scene
-        self.time = 0.0
-        """Start of the next tick."""
-        self.now: ObstaclePoses | None = None
-        """Their poses at the start of the current tick; None without a scene."""
+        self.time = 0.0  # of the next tick
+        self.now: ObstaclePoses | None = None  # at the start of the current tick; None without a scene
         self._runs = False
         self.look()
 
@@ -312,7 +304,7 @@ class SceneObstacles:
         return NO_SCENE if self.scene is None else self.scene.shapes
 
     def restart(self) -> None:
-        """Go back to time 0, at rest, and drop poses that were received live."""
+        """Go back to time 0, and drop poses that were received live."""
         if self.scene is not None:
             self.scene.restart()
         self.time, self._runs = 0.0, False
@@ -330,7 +322,7 @@ class SceneObstacles:
         self._runs = True
 
     def tick(self, hierarchy: Hierarchy | None, dt: float) -> None:
-        """Set the obstacles of a hierarchy, if any, at the start of a tick of `dt` s, and advance the time."""
+        """Set the obstacles of a hierarchy, if any, at the start of a tick of `dt` s."""
         if self.scene is None:
             return
         self.now = self.scene.at(self.time) if self._runs else self.scene.at_rest(self.time)

@@ -1,7 +1,6 @@
-"""Nonlinear least squares in a box: Levenberg-Marquardt (Nocedal and Wright, Numerical Optimization, 2006, section
-10.3).
+"""Nonlinear least squares in a box: Levenberg-Marquardt (Nocedal and Wright, 2006, section 10.3).
 
-It gives the same bits on every machine, as a library's solver on BLAS would not: its results decide goals.
+A library's solver on BLAS would not give the same bits on every machine, and the results decide goals.
 """
 
 from collections.abc import Callable

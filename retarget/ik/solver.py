@@ -100,10 +100,10 @@ class Posture:
 class KeepClear:
     """Links keep clear of each other, and of what the file fixes to the world: an inequality without a target.
 
-    It takes the file's colliding spheres, capsules, cylinders and boxes, and planes of the world. Within `influence`
-    (m) shapes approach at `speed` (m/s) at most, less the nearer they are, and at `margin` (m) not at all. Shapes that
-    touch separate at 0.1 m/s. Neighbouring links are left out, as are shapes that touch the world at the start.
-    ignored: pairs of links that may touch.
+    It takes colliding spheres, capsules, cylinders and boxes, and planes of the world. Within `influence` (m) shapes
+    approach at `speed` (m/s) at most, less the nearer they are, and at `margin` (m) not at all. Shapes that touch
+    separate at 0.1 m/s. Neighbouring links, and shapes that touch the world at the start, are left out. ignored: pairs
+    of links that may touch.
     """
 
     margin: float = 0.01
@@ -118,8 +118,8 @@ Task = Position | Orientation | CentreOfMass | HalfSpaces | Posture | KeepClear
 class Solver:
     """Moves a body in frames of dt seconds so that its tasks are met, level by level, within its joint limits.
 
-    An iteration moves no joint by more than 0.3 rad (m), however long the frame. The same calls give the same postures,
-    to the bit, on every machine. It starts at rest.
+    An iteration moves no joint by more than 0.3 rad (m). The same calls give the same postures, to the bit, on every
+    machine.
     """
 
     def __init__(
@@ -165,7 +165,6 @@ class Solver:
             observers=observers,
             activation="all",
         )
-        # The numbers and target slices of the compiled tasks of each task.
         self._places: dict[Task, list[tuple[int, int, int]]] = {}
         number = count()
         for k, level in enumerate(compiled):
@@ -194,7 +193,7 @@ class Solver:
 
     @property
     def capped(self) -> int:
-        """Number of linear solves ended early since the start. Limits hold then, but tasks may be met less well."""
+        """Number of linear solves that were ended early. Limits held, but tasks may be met less well."""
         return self._solver.capped
 
     def error(self, task: Task) -> float:
@@ -226,8 +225,8 @@ class Solver:
     def solve(self, targets: Mapping[Any, ArrayLike], dt: float) -> FloatArray:
         """Move for dt seconds and return the posture (nq,). targets: by task; a task without one is left out.
 
-        A joint moves by at most 0.3 rad (m) times `iterations`, so a far target takes several frames. Raises UsageError
-        for an unknown task or an unusable target, and then moves nothing.
+        A far target takes several frames. Raises UsageError for an unknown task or an unusable target, and then moves
+        nothing.
         """
         dt = arguments.positive(dt, "ik.Solver.solve, dt", "s")
         arguments.check_mapping(targets, "ik.Solver.solve, targets", "{task: target}")
@@ -246,7 +245,6 @@ class Solver:
         return q
 
     def _value(self, task: Task, given: ArrayLike | None) -> FloatArray | None:
-        """The numbers of a target, flat; None: the task is left out."""
         where = f"ik.Solver.solve, target of {_name(task)}"
         if isinstance(task, KeepClear):
             if given is not None:
@@ -307,7 +305,6 @@ def _check_levels(levels: Sequence[Sequence[object]]) -> None:
 
 
 def _name(task: object) -> str:
-    """A task as messages name it."""
     if not isinstance(task, Task):
         return f"{task!r:.60}"
     frame, name = getattr(task, "frame", None), type(task).__name__
@@ -315,7 +312,6 @@ def _name(task: object) -> str:
 
 
 def _compiled(task: Task, body: BodyModel) -> list[_solver.Task]:
-    """A task as the compiled solver has it. Raises ConfigError, UsageError."""
     where = f"ik.{_name(task)}"
     match task:
         case Position():
@@ -350,14 +346,12 @@ def _posture(task: Posture, body: BodyModel) -> _solver.Task:
 
 
 def _point(body: BodyModel, frame: str, point: Vector, where: str) -> tuple[int, Vector]:
-    """The link of a frame, and a point (m) of the frame in the link."""
     found = arguments.frame(body, frame, where)
     local = arguments.vector(point, 3, f"{where}, point")
     return found.body, as_vector(found.position + rotations.rotate(found.quat, local))
 
 
 def _checked_zone(task: KeepClear) -> tuple[float, float, float]:
-    """Margin (m), influence (m) and speed (m/s)."""
     margin, influence, speed = arguments.vector(
         [task.margin, task.influence, task.speed], 3, "ik.KeepClear, margin, influence and speed"
     ).tolist()
@@ -369,7 +363,6 @@ def _checked_zone(task: KeepClear) -> tuple[float, float, float]:
 
 
 def _ignored(task: KeepClear, body: BodyModel) -> tuple[tuple[int, int, str], ...]:
-    """Pairs of links that may touch, each with a reason."""
     where, pairs = "ik.KeepClear, ignored", []
     for pair in task.ignored if isinstance(task.ignored, Iterable) else (task.ignored,):
         named = arguments.names(pair, where, "two links")
@@ -383,10 +376,7 @@ Fixed = tuple[FloatArray, FloatArray]  # positions (k, 3) m and orientations (k,
 
 
 def _parts(body: BodyModel, task: KeepClear, start: FloatArray) -> tuple[_solver.Observers, Fixed]:
-    """The observers of the colliding shapes, and the poses of the fixed ones.
-
-    Raises ConfigError: a shape that cannot be kept clear, or distant links that touch at the start.
-    """
+    """The observers of the colliding shapes, and the poses of the fixed ones."""
     margin, influence, _ = _checked_zone(task)
     moving, fixed, problems = dict[str, Part](), dict[str, Part](), list[Problem]()
     for number, geom in enumerate(geom for geom in body.geoms if geom.collides):
@@ -420,8 +410,6 @@ def _parts(body: BodyModel, task: KeepClear, start: FloatArray) -> tuple[_solver
 def _looks(
     body: BodyModel, observers: Observers, scene: SceneShapes, fixed: Fixed, start: FloatArray
 ) -> NDArray[np.bool_]:
-    """Mask (n, k) of the parts that keep clear of fixed shapes: no neighbours of the world, none that touch at the
-    start."""
     n, k = len(observers.names), len(scene.names)
     if not n * k:
         return np.zeros((n, k), dtype=bool)

@@ -1,4 +1,4 @@
-"""The stance of a robot: soles on the ground, their support polygon, and the distance of a centre of mass inside it.
+"""The stance of a robot: soles on the ground, their support polygon, and a centre of mass inside it.
 
 An edge is a half-plane (nx, ny, d): the unit normal points outward and nx x + ny y <= d holds inside. Coordinates are
 metres on the ground, world frame.
@@ -29,7 +29,6 @@ def sole_outline(position: FloatArray, orientation: FloatArray, polygon: FloatAr
 
 def convex_hull(points: FloatArray) -> FloatArray:
     """Corners (h, 2) of the convex hull of points (n, 2), counter-clockwise (Andrew's monotone chain)."""
-    # Left to right gives the lower chain, right to left the upper one; each ends where the other begins.
     ordered = [(float(x), float(y)) for x, y in points[np.lexsort((points[:, 1], points[:, 0]))]]
     chains = [_chain(ordered), _chain(ordered[::-1])]
     return np.array([corner for chain in chains for corner in chain[:-1]])
@@ -38,7 +37,6 @@ def convex_hull(points: FloatArray) -> FloatArray:
 def support_edges(outlines: Sequence[FloatArray], *, margin: float = 0.0) -> FloatArray:
     """Edges (e, 3) of the convex hull of all `outlines` (c, 2), moved inward by `margin` m where there is room."""
     corners = convex_hull(np.concatenate(outlines))
-    # Each edge runs counter-clockwise, so its outward normal is to the right.
     along = np.roll(corners, -1, axis=0) - corners
     length = hypot(along[:, 0], along[:, 1])
     long = length > SHORTEST_EDGE
@@ -61,7 +59,6 @@ def support_distance(points: FloatArray, edges: FloatArray) -> FloatArray:
 
 
 def _chain(ordered: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """One side of the hull of points in order, by left turns only."""
     chain: list[tuple[float, float]] = []
     for x, y in ordered:
         while len(chain) > 1:
@@ -77,8 +74,8 @@ def _chain(ordered: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
 class Sole:
     """A sole planted on the ground.
 
-    frame: on its link. position (3,) m, orientation (4,) wxyz: of the frame, flat on the ground, world. outline (c, 2)
-    m: corners on the ground, world. corners (c, 3) m: in the frame of the link.
+    position (3,) m, orientation (4,) wxyz: of its frame, flat on the ground, world. outline (c, 2) m: corners on the
+    ground, world. corners (c, 3) m: in the frame of the link.
     """
 
     frame: Frame
@@ -105,9 +102,9 @@ class Stance:
 
 
 def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
-    """Stand with these joint angles, rad (0 elsewhere). A robot on a stand keeps the root of its body file.
+    """Stand with these joint angles, rad (0 elsewhere), on soles taken as flat and level.
 
-    The soles are taken as flat and level; the legs correct them where they are not.
+    A robot on a stand keeps the root of its body file.
     """
     q = robot.posture(angles)
     feet = robot.profile.feet if robot.on_floor else {}
@@ -129,7 +126,6 @@ def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
         return Stance(q, points, ())
     for foot, orientation in zip(feet.values(), robot.orientations(q[None], frames)[0], strict=True):
         place = points[foot.frame] * np.array([1.0, 1.0, 0.0])
-        # The sole lies flat: it keeps only its turn about the vertical.
         forward = rotations.rotate(orientation, np.array([1.0, 0.0, 0.0]))
         flat = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), arctan2(forward[1], forward[0]))
         frame, polygon = robot.frame(foot.frame), np.array(foot.polygon)
@@ -139,8 +135,8 @@ def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
 
 
 def footing(body: SolverBody, soles: Sequence[Sole]) -> Footing:
-    """Return the measure of how far these soles are off their places, and the centre of mass inside their outline."""
-    # The corners that are farthest along the diagonals are enough to see a sole move or tilt.
+    """The measure of how far soles are off their places, and the centre of mass inside their outline."""
+    # Corners that are farthest along the diagonals are enough to see a sole move or tilt.
     spread = []
     for sole in soles:
         x, y = sole.outline[:, 0], sole.outline[:, 1]
@@ -153,10 +149,8 @@ def footing(body: SolverBody, soles: Sequence[Sole]) -> Footing:
 
 
 def check_stand(robot: RobotBody) -> float | None:
-    """Distance, m, of the centre of mass inside the edge of the soles; None for a robot that does not stand on soles.
-
-    Raises ConfigError if it is outside.
-    """
+    """Distance, m, of the centre of mass inside the edge of the soles; None without soles. Raises ConfigError if
+    outside."""
     if not robot.stands or not robot.body.mass.sum() > 0.0:
         return None
     stance = plant(robot, robot.profile.postures.stand)

@@ -252,7 +252,6 @@ def _observing(task: ReactiveTask | PreventiveTask, observers: Sequence[str], *,
 
 
 def _posture(task: PostureTask, body: BodyModel) -> list[Slot]:
-    """The pull to the attractor, and the drag that lets it act over a time."""
     named = [(name, value) for name, value in task.stiffness.items() if name != "default"]
     weight = joint_weights(body, named, default=task.stiffness.get("default", 1.0))
     cap = task.max_error or 0.3

@@ -1,7 +1,7 @@
 """Whole-body stop: the path on which a robot on its soles comes to rest.
 
 Joints within their own limits may be unable to stop together while the soles stay in place. So a goal comes with the
-path of its stop, and the gate verifies both (`retarget.safety.gate`).
+path of its stop, and the gate verifies both.
 """
 
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from retarget.types import BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class StopPath:
-    """A path to rest. postures (k, nq): the present one, then tick by tick. footing: of the planted soles, if any.
-    carries (k, 2): mask of the soles of a walking robot that carry; None: all do."""
+    """A path to rest. postures (k, nq): the present one, then tick by tick. footing: of the planted soles. carries (k,
+    2): mask of the carrying soles of a walking robot; None: all."""
 
     postures: FloatArray
     footing: Footing | None = None
@@ -29,16 +29,16 @@ class StopPath:
 
 LONGEST_STOP_TICKS = 100  # ticks of a stop; the gate refuses a longer one, as it does not end at rest
 MASS_WEIGHT = 40.0
-"""Weight of the centre of mass: its error by its height weighs as much as a leg joint that is off by this many rad."""
+"""The centre of mass, off by its height, weighs as much as a leg joint that is off by this many rad."""
 OTHER_WEIGHT = 100.0
-"""Weight, in squares, of a joint beside one of a leg: arms brake in proportion and do not swing to brake the mass."""
+"""Weight, in squares, of a joint beside one of a leg: arms must not swing to brake the mass."""
 
 
 class WholeBodyStop:
     """Plans the stops of a robot on its soles.
 
-    All joints brake in proportion, so soles and mass stay on their paths. If each joint braked as hard as it can, one
-    would rest after the other, and motions of trunk and legs that cancel out would throw the mass.
+    All joints brake in proportion, so soles and mass stay on their paths. Joints that each brake as hard as they can
+    would rest one after another and throw the mass.
     """
 
     def __init__(
@@ -55,7 +55,6 @@ class WholeBodyStop:
         the root and the legs. tips: True for a robot that its mass in motion would tip."""
         height = float(body.solver_body().centre_of_mass(stance.q[None])[0, 2])
         self._pendulum = sqrt(height / GRAVITY) if tips else 0.0
-        # Soles come first, then the centre of mass beside joints.
         frames = [sole.frame for sole in stance.soles]
         soles = [Task.position(frame.body, as_vector(frame.position)) for frame in frames]
         soles += [Task.orientation(frame.body) for frame in frames]
@@ -77,7 +76,6 @@ class WholeBodyStop:
 
     def path(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath:
         """The path to rest from posture q (nq,) at velocity (nv,), rad/s and m/s, in ticks of `dt` s."""
-        # Two callers need it: the goal, and the observers of the next tick.
         if self._last is not None:
             at, moved, known = self._last
             if np.array_equal(at, q) and np.array_equal(moved, velocity):

@@ -1,1 +1,4 @@
-"""Live streams between socket and pipeline: admission of senders, capture times, playout, validity, calibration."""
+"""Live streams between socket and run: admission, capture times, playout, validity, calibration.
+
+Datagrams and an address come in; a performer's samples and reports go out. May import human, model and sources.
+"""

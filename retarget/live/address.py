@@ -54,7 +54,7 @@ RECORDED = ("vmc", "vrchat", "natnet", "mvn", "json", "web")  # kinds of stream 
 
 
 def read_options(text: str, query: str, known: tuple[str, ...]) -> dict[str, Any]:
-    """Read `NAME=VALUE&NAME=VALUE` of the address `text`. Raises UsageError unless all are `known`, once and valid."""
+    """Read `NAME=VALUE&NAME=VALUE`. Raises UsageError unless all options are `known`, once and valid."""
     options: dict[str, Any] = {}
     for part in query.split("&"):
         name, _, value = part.partition("=")
@@ -74,7 +74,7 @@ def read_options(text: str, query: str, known: tuple[str, ...]) -> dict[str, Any
 
 
 def address_number(text: str, host: str) -> IPv4Address:
-    """An IPv4 address of `localhost` or four numbers. Raises UsageError for anything else; no name is looked up."""
+    """An IPv4 address of `localhost` or four numbers; no name is looked up. Raises UsageError."""
     try:
         return IPv4Address("127.0.0.1" if host == "localhost" else host)
     except AddressValueError:
@@ -165,10 +165,9 @@ KINDS = {
 class StreamAddress:
     """The address of a stream, and the senders that are allowed.
 
-    text: as written, for messages. kind: one of KINDS. bind: the IPv4 address that is bound (0.0.0.0: every interface;
-    the group of a multicast). port: of UDP, 0 for any free one. allow: permitted senders. host: the NatNet server.
-    multicast, interface: group, and own address on the interface where it is joined (0.0.0.0: the system chooses). up,
-    bones: settings of Motive. path, speed: of a replay; recorded: its kind of stream, where given.
+    text: as written. kind: one of KINDS. bind: bound IPv4 address (0.0.0.0: every interface; the group of a multicast).
+    port: of UDP, 0 for any. host: the NatNet server. multicast, interface: group, and own address on its interface
+    (0.0.0.0: the system chooses). up, bones: settings of Motive. recorded: kind of a replay, where given.
     """
 
     text: str
@@ -207,8 +206,8 @@ def _intended(text: str) -> str:
 def parse_address(text: str) -> StreamAddress:
     """Read the address of a stream.
 
-    It is on loopback unless an address is given; one that others can reach needs `?allow=192.168.1.20,10.0.0.0/8`
-    (permitted senders) or `?allow=any`. Raises UsageError for any mistake, with its place and the next step.
+    It is on loopback unless an address is given, which then needs `?allow=192.168.1.20,10.0.0.0/8` or `?allow=any`.
+    Raises UsageError for any mistake, with its place and the next step.
     """
     match = re.fullmatch(r"([A-Za-z][A-Za-z0-9+.-]*)://([^\x00-\x1f]*)", text)
     if match is None or len(text) > LONGEST_ADDRESS:
@@ -251,7 +250,6 @@ def _place(text: str, kind: str, place: str) -> tuple[str, int]:
 
 
 def _listener(text: str, kind: str, host: str, port: int, options: dict[str, Any]) -> StreamAddress:
-    """A port of this machine to which the sender sends."""
     allow, bind = options.get("allow"), address_number(text, host or LOOPBACK)
     if bind.is_multicast:
         raise bad_address(text, "a group cannot be listened on", found=host, allowed="an address of this machine")
@@ -270,7 +268,6 @@ def _listener(text: str, kind: str, host: str, port: int, options: dict[str, Any
 
 
 def _natnet(text: str, host: str, port: int, options: dict[str, Any]) -> StreamAddress:
-    """Motive on the computer `host`. No other computer may send."""
     if not host:
         what = "the address of the computer with Motive is missing"
         raise bad_address(text, what, allowed=KINDS["natnet"].example)

@@ -36,7 +36,7 @@ class Receiver(Protocol):
         ...
 
     def poll(self, now: float) -> list[Datagram]:
-        """Return what has arrived until `now` (s), oldest first, bounded in number and bytes. Never blocks, never
+        """Return what has arrived until `now` (s), oldest first, bounded in number and bytes. Never blocks or
         raises."""
         ...
 
@@ -60,21 +60,19 @@ TOO_MANY = "more datagrams than can be decoded in time"
 class Admission:
     """Decides which datagrams reach the decoder.
 
-    The first source of a frame that can be decoded (`confirm`) owns the stream, until it is silent for RELEASE_AFTER_S
-    while nothing moves. `moving` is True from the measurement of a performer on, and in every state in which the stream
+    The first source of a frame that can be decoded owns the stream, until it is silent for RELEASE_AFTER_S while
+    nothing moves. `moving` is True from the measurement of a performer on, and in every state in which the stream
     affects servos, holds included. refused: counts by reason.
     """
 
     def __init__(
         self, *, allow: Iterable[IPv4Network] = (ANY_ADDRESS,), source: Literal["port", "computer"] = "port"
     ) -> None:
-        """source: count a port or a computer as one source. Other programs of a computer have other ports, but Motive
-        answers from one port and sends frames from another."""
+        """source: Motive answers from one port and sends frames from another, so its computer counts as one source."""
         self.refused = Dropped()
         self._networks = tuple((int(net.network_address), int(net.netmask)) for net in allow)
         self._by_port = source == "port"
-        self.owner: Source | None = None
-        """The source that owns the stream; None until one has sent a frame."""
+        self.owner: Source | None = None  # owns the stream; None until one has sent a frame
         self._last_frame = 0.0  # [s] of the owner
         self._ports = list[tuple[int, float]]()  # of the owner's computer: the last that were refused, and when [s]
         self._named: dict[tuple[str, str], None] = {}
@@ -82,7 +80,7 @@ class Admission:
 
     @property
     def named(self) -> tuple[tuple[str, str], ...]:
-        """Refused addresses, each once per reason, the first MOST_NAMED_SOURCES in order."""
+        """Refused addresses, each once per reason, the first MOST_NAMED_SOURCES."""
         return tuple(self._named)
 
     def admit(self, datagram: Datagram, *, now: float, moving: bool) -> bool:
@@ -99,10 +97,8 @@ class Admission:
         return True
 
     def confirm(self, source: Source, *, now: float, moving: bool) -> bool:
-        """Note that an admitted datagram of `source` held a frame. True if the frame may be used.
-
-        The source then owns the stream, unless another one does.
-        """
+        """Note that an admitted datagram of `source` held a frame, and let it own the stream. True if the frame may be
+        used."""
         if source != self.owner:
             if not self._may_own(source, now, moving):
                 return self._refuse(self._second(source, now), source)
@@ -111,12 +107,11 @@ class Admission:
         return True
 
     def news(self) -> tuple[tuple[Source, str], ...]:
-        """Sources refused since the last call with the reason, each address once per reason."""
+        """Sources refused since the last call, each once per reason."""
         news, self._news = tuple(self._news), []
         return news
 
     def _second(self, source: Source, now: float) -> str:
-        """The reason for which a source beside the owner is refused at `now`, s."""
         if self.owner is None or source[0] != self.owner[0]:
             return SECOND_SOURCE
         others = [(port, at) for port, at in self._ports if port != source[1] and now - at < PORTS_WITHIN_S]

@@ -37,7 +37,6 @@ def _rows() -> list[dict[str, str]]:
 
 @lru_cache(maxsize=MAX_SYMPTOMS)
 def _row(symptom: str, kind: str) -> dict[str, str]:
-    """The first row that fits, or an empty one."""
     fits = (row for row in _rows() if row.get("kind", kind) == kind and fnmatchcase(symptom, row["symptom"]))
     return next(fits, {})
 

@@ -42,10 +42,9 @@ class LiveOptions:
     """Options of the beginning of a live run.
 
     patience: s of waiting for data. countdown: s to get into the pose. duration: s of the run, None: until it is
-    stopped. mirror: swap left and right. stature: m, of the performer, if known. smoothing: a name of
-    `playout.SMOOTHINGS`. latest: use the newest poses, without a playout buffer. use_generated_legs: see `WebDecoder`.
+    stopped. mirror: swap left and right. stature: m, if known. latest: use the newest poses, without a playout buffer.
     mirrored_camera: the camera shows a mirror image. person: name under which the size is kept. recalibrate: measure a
-    known person, too. check_sides: begin with the check of sides.
+    known person, too.
 
     Raises UsageError for a countdown or a stature out of range.
     """
@@ -83,10 +82,7 @@ WAIT_S = 10.0  # [s] to raise the arm: enough to hear, understand and do it
 
 
 def _not_raised(check: SideCheck, why: str, lost: list[str], where: str) -> InputError:
-    """The error for an arm that was not raised. If data are missing, it does not propose to leave the check out.
-
-    why: the problem of the stream, or "". lost: wrists that are not fresh.
-    """
+    """The error for an arm that was not raised. why: the problem of the stream. lost: wrists that are not fresh."""
     if why:
         return InputError(why.rstrip("."), where=where)
     if lost:
@@ -105,8 +101,8 @@ TRY_S = 0.1  # [s] between checks for standing still
 class Beginning:
     """A live run that begins. where: the stream, for messages. notify: receives the instructions for the performer.
 
-    enter: receives the states COUNTDOWN, CALIBRATING, CHECKING_SIDES as they begin. look: called every POLL_S; it may
-    raise KeyboardInterrupt.
+    enter: receives COUNTDOWN, CALIBRATING, CHECKING_SIDES as they begin. look: called every POLL_S; may raise
+    KeyboardInterrupt.
     """
 
     stream: LiveStream
@@ -171,10 +167,9 @@ class Beginning:
         return found
 
     def check_sides(self, rest: Calibrated) -> None:
-        """Request the left arm to the front, and wait for it. Request it once more if it goes to the side.
+        """Request the left arm to the front, and once more if it goes to the side. rest: position of the wrists.
 
-        rest: position of the wrists when the performer was measured. Raises InputError with the motion and the next
-        step.
+        Raises InputError with the motion and the next step.
         """
         self.enter(RunState.CHECKING_SIDES)
         names, where = self.stream.roles.sensors, f"{self.where}, raise your left arm"
@@ -200,8 +195,7 @@ class Beginning:
         self.notify("left is left, up is up, and the front is in front: lower the arm")
 
     def _readings(self, *, measured: bool) -> Iterator[tuple[float, StreamReading]]:
-        """The time, s, and the stream then, every POLL_S. measured: the performer was measured, so no other source may
-        take over, as the size may be that of the sender's skeleton."""
+        """The time, s, and the stream then, every POLL_S. measured: no other source may take over any more."""
         while True:
             self.clock.sleep_until(self.clock.now() + POLL_S)
             now = self.clock.now()
@@ -210,13 +204,11 @@ class Beginning:
             yield now, self.stream.read(now)
 
     def _poll_for(self, seconds: float, *, measured: bool) -> None:
-        """Poll the stream for some seconds."""
         end, readings = self.clock.now() + seconds, self._readings(measured=measured)
         while self.clock.now() < end:
             next(readings)
 
     def _skeleton_size(self) -> HumanDimensions | None:
-        """The size by the sender's skeleton; None without one, or if it is not a human's."""
         decoder = self.stream.decoder
         skeleton = decoder.rest_of(self.stream.roles.names) if isinstance(decoder, SkeletonSender) else None
         if skeleton is None:
@@ -231,8 +223,8 @@ class Beginning:
     def _captured(self, capture: RestCapture, size: HumanDimensions | None) -> Calibrated:
         """The calibration from the first interval of standing still.
 
-        A stream that falls silent is reported at once, and is then the reason of the InputError at the end. Problems of
-        the pose are reported when they change, at most every MESSAGE_S.
+        A silent stream is reported at once, and is then the reason of the InputError at the end. Problems of the pose
+        are reported when they change, at most every MESSAGE_S.
         """
         problems, names = StreamProblems(self.stream), self.stream.roles.sensors
         end, look = self.clock.now() + self.options.patience + CAPTURE_S, 0.0
@@ -331,7 +323,6 @@ def begin_live(
 
 
 def _keep(name: str, calibrated: Calibrated, convention: str, notify: Notify) -> None:
-    """Write the person's file."""
     rows = [row for row, sensor in enumerate(calibrated.sensors) if sensor not in calibrated.missing]
     person = person_of(
         name,

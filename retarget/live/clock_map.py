@@ -1,8 +1,7 @@
 """Clock alignment: capture times on the local clock, from the sender's stamps and the least delay.
 
 arrival - stamp is the offset of the clocks plus the delay of a datagram. Its minimum over a few seconds is the offset
-plus the least delay (on a Motive recording within 0.42 ms of asking the sender). A short window follows drifting
-clocks.
+plus the least delay (on a Motive recording within 0.42 ms of asking the sender).
 """
 
 from collections import OrderedDict
@@ -70,7 +69,7 @@ class SlidingMinimum:
         self._bucket: int | None = None
 
     def add(self, now: float, value: float) -> None:
-        """Add a value at a time (s); a time before the last one counts as the last one."""
+        """Add a value at a time (s), at least the last one."""
         index = self._turn_to(now)
         if value < self._least[index]:
             self._least[index] = value
@@ -86,7 +85,6 @@ class SlidingMinimum:
         self._bucket = None
 
     def _turn_to(self, now: float) -> int:
-        """Empty the buckets that were entered since the last call, and return the index of the present one."""
         count = len(self._least)
         bucket = int(now // self._width)
         if bucket == self._bucket:
@@ -126,9 +124,8 @@ def not_seconds(unit: str) -> str:
 class ClockMap:
     """Maps one sender's stamps to the local monotonic clock.
 
-    resolution: s, of stamps in coarse units. significand: bits of the stamps' format (24 for float32 seconds), which
-    give their step. A frame with a number and no stamp counts as captured on arrival. jumps: number of clock jumps;
-    last_jump. dropped: by reason.
+    resolution: s, of coarse stamps. significand: bits of the stamps' format (24 for float32 seconds). A frame with a
+    number and no stamp counts as captured on arrival. jumps: number of clock jumps. dropped: by reason.
     """
 
     def __init__(self, *, resolution: float = 0.0, significand: int = 53) -> None:
@@ -138,8 +135,7 @@ class ClockMap:
         self._resolution = resolution
         self._significand = significand
         self._least = SlidingMinimum(OFFSET_WINDOW_S)
-        self.offset: float | None = None
-        """Local minus sender time, with the least delay in it, s; None before the first stamp."""
+        self.offset: float | None = None  # [s] local minus sender time, with the least delay in it
         self._newest = -inf
         self._latest = -inf
         self._now = -inf
@@ -151,8 +147,8 @@ class ClockMap:
     def map(self, arrival: float, stamp: float | None, number: int | None) -> float | None:
         """The local capture time (s) of a frame, at most its arrival (but for microseconds); None: dropped.
 
-        arrival: s, local. stamp, number: as sent. Frames in the sender's order get rising times, whatever its clock
-        does. A frame that was overtaken gets an earlier time.
+        arrival: s, local. stamp, number: as sent. Frames in the sender's order get rising times, and a frame that was
+        overtaken an earlier one.
         """
         if not isfinite(arrival):
             self.dropped.note("arrival is not a time")
@@ -205,7 +201,7 @@ class ClockMap:
         return self._in_order(arrival, stamp, step)
 
     def _odd_one(self, arrival: float, stamp: float, *, step: float) -> float | None:
-        """The time of a frame that does not fit: it shows a jump if others agree, and else is used only if a little
+        """The time of a frame that does not fit: it shows a jump if others agree, else it is used if only a little
         early."""
         assert self.offset is not None
         excess = arrival - stamp - self.offset
@@ -228,7 +224,6 @@ class ClockMap:
         return None
 
     def _restart(self, arrival: float, gap: float) -> None:
-        """Forget the sender's clock, but not what was delivered."""
         self._least.clear()
         self._least.add(arrival, gap)
         self.offset, self._newest = gap, -inf
@@ -236,7 +231,6 @@ class ClockMap:
         self._recent.clear()
 
     def _in_order(self, arrival: float, stamp: float, step: float) -> float:
-        """The time by the stamp, nearest to the arrival where the stamp is coarse, in the sender's order."""
         assert self.offset is not None
         time = min(arrival, stamp + self.offset + step)
         if stamp < self._newest:

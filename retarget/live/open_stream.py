@@ -28,11 +28,11 @@ from retarget.sources.streams.vrchat import VrchatDecoder
 
 
 def open_receiver(address: StreamAddress, *, names_missing: Callable[[], bool] = lambda: False) -> Receiver:
-    """Open the receiver of an address. names_missing: True if Motive's frames have ids without names, which are then
+    """Open the receiver of an address. names_missing: True if Motive's frames have ids without names, which are
     requested.
 
-    Arrivals are on the machine's monotonic clock; those of a replay are on the clock that it is polled by. Raises
-    InputError: port taken or forbidden, no such interface, group not joined, no such recording.
+    Arrivals of a replay are on the clock of `poll`, others on the monotonic clock. Raises InputError: port taken or
+    forbidden, no such interface, group not joined, no such recording.
     """
     if address.kind == "replay":
         return open_replay(address)
@@ -81,10 +81,9 @@ def open_stream(
 ) -> LiveStream:
     """Open the port or recording of an address, or read the caller's own receiver (by default, poses in JSON).
 
-    smoothing: see `playout.SMOOTHINGS`. latest: use the newest poses at once, without a playout buffer.
-    use_generated_legs: see `WebDecoder`. mirrored_camera: the sender's camera shows a mirror image.
-
-    Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that such a sender lacks.
+    latest: use the newest poses at once, without a playout buffer. use_generated_legs: see `WebDecoder`.
+    mirrored_camera: the camera shows a mirror image. Raises InputError: port taken, no such interface, no such
+    recording; UsageError: sensors that such a sender lacks.
     """
     kind, decoder = _decoder(address)
     if kind == "vmc" and performer.roles == BONES:
@@ -117,7 +116,6 @@ def open_stream(
 
 
 def _decoder(address: StreamAddress | None) -> tuple[str, StreamDecoder]:
-    """The kind of an address, or of a replay's content, and its decoder. Raises UsageError, InputError."""
     if address is None:
         return "json", JsonPoseDecoder()
     kind = recorded_kind(address) if address.kind == "replay" else address.kind

@@ -50,7 +50,7 @@ def base_sensors(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def needed(roles: Roles) -> tuple[str, ...]:
-    """The sensors that must be fresh to begin. A partial performer's file needs only those that measure."""
+    """The sensors that must be fresh to begin."""
     return tuple(dict.fromkeys((*REQUIRED, *(() if roles.partial else base_sensors(roles.sensors)))))
 
 
@@ -67,7 +67,7 @@ def missing_sensors(stream: LiveStream, now: float) -> list[str]:
 
 
 def refuse_unmeasurable(roles: Roles, *, where: str) -> None:
-    """Raise UsageError if the performer's file lacks a sensor that measuring needs."""
+    """Raise UsageError without a sensor that measuring needs."""
     missing = [name for name in REQUIRED if name not in roles.sensors]
     if missing:
         found = f"a performer's file without {', '.join(missing)}"
@@ -85,8 +85,7 @@ def live_sample(
     mirror: bool = False,
     used: BoolArray | None = None,
 ) -> SensorSample:
-    """The sample of a reading, in our world. used (k,): valid sensors, by default fresh ones. mirror: swap left and
-    right."""
+    """The sample of a reading, in our world. used (k,): valid sensors, by default fresh ones."""
     position, orientation = alignment.positions(reading.position), alignment.orientations(reading.orientation)
     valid = reading.fresh if used is None else used
     if mirror:
@@ -139,9 +138,8 @@ class SampleRecord:
 class LivePerformer:
     """`retarget.human.samples.Samples` of a stream. `first`: the sample that the robot approaches.
 
-    ticks: at most; kept: samples that are recorded. optional: sensors for which the robot never holds. has_deadlines:
-    hold for late ticks, for which simulated servos wait. waits: a hold has no limit in time. notify: receives a
-    sentence for each change.
+    ticks: at most; kept: recorded samples. optional: sensors for which the robot never holds. has_deadlines: hold for
+    late ticks. waits: a hold has no limit in time.
     """
 
     def __init__(
@@ -212,7 +210,7 @@ class LivePerformer:
         self._news.look()
 
     def may_approach(self) -> bool:
-        """True if the robot is not paused, and data have been good for long enough to go on with the approach."""
+        """True if the robot is not paused, and data have been good for long enough."""
         now = self._clock.now()
         reading, _ = self._read(now)
         good = self.engagement.engaged and self._is_good(reading, now)
@@ -253,8 +251,8 @@ class LivePerformer:
             self.engagement.hold()
 
     def reset_heading(self) -> bool:
-        """Take the direction that the performer faces now as straight ahead, since trackers drift. The robot holds, and
-        goes on from there. Returns False if left and right sensors show no direction."""
+        """Take the direction that the performer faces now as straight ahead, since trackers drift. The robot holds
+        first. False if no direction shows."""
         reading = self.stream.read(self._clock.now())
         names = self.stream.roles.sensors
         sample = live_sample(names, reading, self.alignment)
@@ -301,12 +299,10 @@ class LivePerformer:
         return followed
 
     def _report(self, goes_on: str, holds: str, *, good: bool) -> None:
-        """Report that the robot goes on, or holds. holds: with a place for the reason."""
         late = " because ticks come late" if self._timing.behind else ""
         self._notify(News(goes_on) if good else News(holds.format(late), holds, is_due=True))
 
     def _read(self, now: float) -> tuple[StreamReading, SensorSample]:
-        """The reading of this tick, and the sample of its valid sensors in our world; reports changes."""
         self._timing.begin(now)
         reading = self.stream.read(now)
         self._states = reading.states
@@ -320,7 +316,7 @@ class LivePerformer:
         return reading, sample
 
     def _holding(self) -> dict[str, ValidityState]:
-        """The sensors for which the robot holds: base sensors that are not fresh, and those that have jumped."""
+        """The sensors for which the robot holds: base sensors that are not fresh, and sensors that have jumped."""
         if not np.count_nonzero(self._states):
             return {}
         states = zip(self.stream.roles.sensors, map(ValidityState, self._states.tolist()), strict=True)

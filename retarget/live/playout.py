@@ -17,16 +17,13 @@ from retarget.types import BoolArray, FloatArray, IntArray
 DELAY_CAP_S = 0.040
 LATENESS_WINDOW_S, MOST_KEPT = 2.0, 512  # [s] over which the lateness of frames is measured, and most frames of it
 IN_TIME = 0.95
-"""Share of the frames that arrive in time. Extrapolation bridges a later one, which costs less than to wait for it."""
+"""Extrapolation bridges the rare later frame, which costs less than to wait for it."""
 SHRINK_S = 1.0  # time constant; at the cap, time then plays 4 % fast, which is not visible
 GAP_SHARE = 0.1  # of each new gap in the running mean
 
 
 class PlayoutDelay:
-    """The playout delay, s: the lateness of 95 % of the frames of the last 2 s, and the typical gap between frames.
-
-    It grows at once and shrinks slowly, up to the cap.
-    """
+    """The playout delay, s: the lateness of 95 % of the frames of the last 2 s, and the typical gap between frames."""
 
     def __init__(self) -> None:
         self._arrived = deque[tuple[float, float]]()  # arrival and lateness, s
@@ -36,8 +33,7 @@ class PlayoutDelay:
         self._now: float | None = None
 
     def note(self, arrival: float, *, lateness: float, gap: float) -> None:
-        """Note the arrival of a frame. gap: s between its capture and that of the frame before; infinity for the
-        first."""
+        """Note the arrival of a frame. gap: s since the capture of the frame before."""
         arrived, ordered = self._arrived, self._lateness
         arrived.append((arrival, lateness))
         insort(ordered, lateness)
@@ -48,7 +44,7 @@ class PlayoutDelay:
             self._gap = gap if self._gap is None else self._gap + GAP_SHARE * (gap - self._gap)
 
     def at(self, now: float) -> float:
-        """The delay at `now`, s. `now` must not fall from call to call."""
+        """The delay at `now`, s, which must not fall."""
         elapsed = 0.0 if self._now is None else max(0.0, now - self._now)
         self._now = now if self._now is None else max(now, self._now)
         if self._lateness:
@@ -70,9 +66,8 @@ WRONG_CAPTURE_S = 0.100  # a capture time farther after its arrival is wrong
 class PlayoutSample:
     """k sensors at one time, read only. position (k, 3) m, orientation (k, 4) wxyz: NaN where never sent.
 
-    valid (k,): the sender has sent the sensor, and has not reported it lost since. age (k,): s since the capture of the
-    newest pose, infinity for none. how (k,): see `PoseRing`. time (k,): s, local capture time of the pose, NaN for
-    none.
+    valid (k,): sent, and not reported lost since. age (k,): s since the newest capture. how (k,): see `PoseRing`. time
+    (k,): s, local capture time, NaN for none.
     """
 
     position: FloatArray
@@ -87,7 +82,7 @@ class Playout:
     """The playout buffer of k sensors. Without a delay it plays the newest pose.
 
     A sensor of a silent stream moves on for 50 ms at its last velocity and then stops. The next data show at once, even
-    where they jump, so later stages must blend. A frame that was overtaken is sorted in.
+    where they jump, so later stages must blend.
     """
 
     def __init__(self, count: int, *, delay: PlayoutDelay | None = None) -> None:
@@ -114,7 +109,7 @@ class Playout:
         """Take poses of m different sensors captured at one time.
 
         rows (m,); time, arrival: s, local clock; position (m, 3) m and orientation (m, 4) wxyz, NaN where not sent;
-        valid (m,): False where the sender reports that it has lost the sensor.
+        valid (m,): False where the sender has lost the sensor.
         """
         if not (isfinite(time) and time <= arrival + WRONG_CAPTURE_S):
             self.dropped.note("not a capture time")
@@ -129,7 +124,7 @@ class Playout:
             self._delay.note(arrival, lateness=arrival - time, gap=time - newest)
 
     def read(self, now: float) -> PlayoutSample:
-        """Every sensor at `now` less the delay. now: s, local; a time before the last read's counts as the last."""
+        """Every sensor at `now` less the delay, s, but never earlier than the last read."""
         self._now = now = max(now, self._now)
         if self._delay is None:
             return PlayoutSample(*self._ring.latest(now))
@@ -137,9 +132,9 @@ class Playout:
         return PlayoutSample(*self._ring.read(self._at, now))
 
 
-# The One-Euro filter (Casiez, Roussel and Vogel, CHI 2012) is a first-order low-pass whose cutoff rises with the speed.
-# The speed is the norm of the whole vector, so that the result turns with the world. An orientation is filtered by the
-# rotation vector from the filtered one, as its own rotation vector jumps at 180 degrees.
+# The One-Euro filter (Casiez, Roussel and Vogel, CHI 2012) is a first-order low-pass whose cutoff rises with the speed,
+# the norm of the whole vector. An orientation is filtered by the rotation vector from the filtered one, as its own
+# jumps at 180 degrees.
 
 OFF, LIGHT = "off", "light"
 

@@ -19,10 +19,7 @@ LOOKED_AT = 100  # datagrams by which a recording without a kind in its header i
 
 
 class ReplayReceiver:
-    """Plays a recording: its datagrams fall due with the time of `poll`, the first one at once.
-
-    A recorded time that goes back counts as no time passed. The file is read one datagram ahead.
-    """
+    """Plays a recording: its datagrams fall due with the time of `poll`, the first one at once."""
 
     def __init__(self, reader: RawReader, *, speed: float = 1.0) -> None:
         """speed: recorded seconds per second, above 0."""
@@ -30,10 +27,8 @@ class ReplayReceiver:
         self._reader, self._speed = reader, speed
         self._rows: Iterator[RecordedDatagram] = iter(reader)
         self._next: RecordedDatagram | None = None
-        self._due: float | None = None
-        """Arrival of `_next`, s on the clock of `poll`; None before the first poll."""
-        self.finished = False
-        """True when everything has been returned."""
+        self._due: float | None = None  # arrival of `_next`, s on the clock of `poll`
+        self.finished = False  # everything has been returned
 
     def close(self) -> None:
         """End the replay."""
@@ -56,7 +51,6 @@ class ReplayReceiver:
         return found
 
     def _following(self) -> RecordedDatagram | None:
-        """The next datagram; None at the end of the recording."""
         row = next(self._rows, None)
         if row is None:
             self.finished = True
@@ -101,8 +95,8 @@ DISK_WAIT_S = 2.0  # closing waits this long for a disk that hangs
 class RawTap:
     """Takes datagrams in the tick, and writes them in a thread, so that the tick does not wait for the disk.
 
-    A disk that is full or gone ends the recording and nothing else: `failure` gives the reason. Datagrams that come
-    then, or faster than the disk takes them, are counted in `lost`. Memory is bounded.
+    A disk that is full or gone ends the recording and nothing else: `failure` gives the reason. `lost` counts the
+    datagrams that come then, or faster than the disk. Memory is bounded.
     """
 
     def __init__(self, writer: RawWriter, *, notify: Notify = lambda text: None) -> None:
@@ -122,7 +116,7 @@ class RawTap:
 
     @property
     def failure(self) -> str:
-        """Reason for which the recording ended early, or ""."""
+        """Reason of an early end, or ""."""
         return self._hung or self._writer.error
 
     @property
@@ -131,7 +125,7 @@ class RawTap:
         return self._writer.lost
 
     def news(self) -> str:
-        """Problem of the recording in a sentence, once each; "" otherwise."""
+        """Problem of the recording in a sentence, once each."""
         news = "the disk is too slow: datagrams are missing in the recording" if self.lost else ""
         if self.failure:
             news = f"the recording has ended, the run goes on: {self.failure}"
@@ -146,7 +140,7 @@ class RawTap:
         self._writer.append(datagram.payload, time_ns=round(datagram.arrival * 1e9), address=address, port=port)
 
     def close(self) -> None:
-        """Write the rest and close the file; waits DISK_WAIT_S at most. A second call has no effect."""
+        """Write the rest and close the file; waits DISK_WAIT_S at most."""
         if self._ending.is_set():
             return
         self._ending.set()

@@ -24,8 +24,8 @@ from retarget.sources.streams.natnet_wire import COMMAND_PORT
 from retarget.sources.streams.stream_frame import MAX_DATAGRAM, Dropped
 
 RECEIVE_BUFFER = 2**20
-"""Bytes requested from the kernel, which doubles them, up to net.core.rmem_max: more than a second of SlimeVR's VMC. A
-larger buffer would hold datagrams too old to use after a flood."""
+"""Bytes requested from the kernel, up to net.core.rmem_max: more than a second of SlimeVR's VMC. A larger buffer would
+hold datagrams too old to use."""
 SO_TIMESTAMPNS = 35  # time of arrival on the wall clock, as a timespec (socket(7); asm-generic/socket.h)
 SO_RXQ_OVFL = 40  # datagrams lost so far because the buffer was full (socket(7))
 IP_MULTICAST_ALL = 49  # receive datagrams of groups that other sockets joined (ip(7))
@@ -60,7 +60,6 @@ def open_socket(address: StreamAddress) -> socket.socket:
 
 
 def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:
-    """Join on the named interface, else on that towards the server, else on the system's choice."""
     interface = address.interface
     if interface == EVERYWHERE and address.host is not None:
         interface = interface_towards(address.host) or EVERYWHERE
@@ -74,7 +73,6 @@ def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:
 
 
 def _not_bound(address: StreamAddress, error: OSError) -> InputError:
-    """Make the error for an address that cannot be bound."""
     if error.errno in NO_INTERFACE:
         return _no_interface(address, address.bind)
     if error.errno == errno.EADDRINUSE:
@@ -130,22 +128,19 @@ TRANSIENT = {errno.EINTR, errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNRE
 class UdpReceiver:
     """A socket that is polled by the loop.
 
-    dropped: counts by reason. overflowed: datagrams that the kernel lost because they were not fetched in time. bound:
-    address and port of the socket.
+    dropped: counts by reason. overflowed: datagrams that the kernel lost because they were not fetched in time.
     """
 
     finished = False
 
     def __init__(self, address: StreamAddress) -> None:
-        """Open the socket. Raises InputError, see `open_socket`."""
         self.dropped = Dropped()
         self.overflowed = 0
         self._socket = open_socket(address)
         self.bound: Source = self._socket.getsockname()
         self._offset = 0  # [ns] to be added to the wall clock
         self._measured = float("-inf")
-        self._emptied = float("-inf")
-        """Time at which the socket was last empty: all that is read later arrived after it."""
+        self._emptied = float("-inf")  # when the socket was last empty: all that is read later arrived after it
 
     def fileno(self) -> int:
         """Number of the socket, for `select`; -1 once closed."""
@@ -163,8 +158,7 @@ class UdpReceiver:
             return False
 
     def poll(self, now: float) -> list[Datagram]:
-        """Return what has arrived until `now` (s), oldest first, at most MOST_PER_POLL datagrams and
-        MOST_BYTES_PER_POLL."""
+        """Return what has arrived until `now` (s), oldest first, bounded in number and bytes."""
         if now - self._measured >= REMEASURE_S:
             self._offset, self._measured = wall_to_monotonic(), now
         found: list[Datagram] = []
@@ -194,8 +188,8 @@ class UdpReceiver:
     def _arrival(self, control: list[tuple[int, int, bytes]], now: float) -> float:
         """Arrival of a datagram by the kernel, s on the clock of `now`; `now` if unknown.
 
-        The wall clock may be set at any time. A time that is too late does no harm, as the least delay counts. After
-        one that is too early the offset is measured anew.
+        The wall clock may be set at any time. A late time does no harm, as the least delay counts. After an early one
+        the offset is measured anew.
         """
         arrival = now
         for _, kind, content in control:
@@ -217,14 +211,12 @@ NOT_THE_SERVER = "sender is not the server"
 class NatnetReceiver:
     """Receives frames from Motive. Each poll also sends the requests of the session, and gives it the answers.
 
-    In multicast, frames come through a second socket. dropped: datagrams of others than the server. bound: address and
-    port for the server's answers, and in unicast its frames.
+    In multicast, frames come through a second socket. dropped: datagrams of others than the server.
     """
 
     finished = False
 
     def __init__(self, address: StreamAddress, *, command_port: int = COMMAND_PORT) -> None:
-        """Open the sockets; nothing is sent yet. Raises InputError, see `open_socket`."""
         assert address.kind == "natnet" and address.host is not None
         self.session = NatnetSession(group=None if address.multicast is None else (address.multicast, address.port))
         self.dropped = Dropped()

@@ -30,13 +30,11 @@ class Alignment:
 
     @cached_property
     def _matrix(self) -> FloatArray:
-        """(3, 3), by which row vectors are multiplied."""
         cosine, sine = cos(self.yaw), sin(self.yaw)
         return np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
     @cached_property
     def _product(self) -> FloatArray:
-        """(4, 4), by which rows of quaternions are multiplied."""
         half = 0.5 * self.yaw
         return rotations.multiply(np.array([cos(half), 0.0, 0.0, sin(half)]), np.eye(4))
 
@@ -57,10 +55,10 @@ class Alignment:
 
 
 def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> Alignment:
-    """The alignment in which a performer who stands upright now faces x, on the floor, above the origin.
+    """The alignment in which an upright performer faces x, on the floor, above the origin.
 
-    position (k, 3) m: of k canonical sensors, stream's world, z up, NaN where unknown. Without ankles the stream's own
-    floor is used. Raises InputError if left and right show no direction.
+    position (k, 3) m: of k sensors, stream's world, z up, NaN where unknown. Without ankles the stream's own floor is
+    used. Raises InputError if left and right show no direction.
     """
     at = _located(names, position)
     forward = facing_of(at)
@@ -87,10 +85,10 @@ MOST_SAMPLES = 1000  # samples that are kept
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """The result of a calibration: size, alignment, and the sensors that were missing (not fresh).
+    """The result of a calibration: size, alignment, and missing (not fresh) sensors.
 
-    sensors: k names; position (k, 3) m: their joints in our world, NaN for missing ones. offset (k, 3) m: from the
-    joint to each sensor beyond the known offset, in the sensor's canonical axes.
+    position (k, 3) m: joints of the k sensors in our world, NaN for missing ones. offset (k, 3) m: from the joint to
+    each sensor beyond the known offset, in the sensor's canonical axes.
     """
 
     dimensions: HumanDimensions
@@ -102,12 +100,11 @@ class Calibrated:
 
 
 def _located(names: Sequence[str], position: FloatArray) -> dict[str, FloatArray]:
-    """The known ones of positions (k, 3) m, by name."""
     return {name: at for name, at in zip(names, position, strict=True) if np.isfinite(at).all()}
 
 
 def frozen_as_fresh(reading: StreamReading) -> StreamReading:
-    """The reading with frozen sensors as fresh ones, as those of a performer who stands still may be."""
+    """Count frozen sensors as fresh ones, as those of a performer who stands still may be."""
     states = np.where(reading.states == ValidityState.FROZEN, ValidityState.FRESH, reading.states)
     return replace(reading, states=states.astype(np.uint8))
 
@@ -124,8 +121,8 @@ class RestCapture:
         needed: tuple[str, ...] = REQUIRED,
         oriented: bool = True,
     ) -> None:
-        """where: the stream, for messages. loose: sensors that may sit beside their joints. needed: sensors that must
-        be fresh where they are worn. oriented: orientations are in canonical axes, and show the front."""
+        """loose: sensors that may sit beside their joints. needed: sensors that must be fresh where they are worn.
+        oriented: orientations are in canonical axes, and show the front."""
         self._oriented = oriented
         self._where, self._seconds, self._loose, self._needed = where, seconds, loose, needed
         self._times: deque[float] = deque()
@@ -194,7 +191,6 @@ class RestCapture:
         return Calibrated(size, alignment, names, standing, missing, offset)
 
     def _turns(self, counts: BoolArray) -> FloatArray:
-        """Mean orientation (k, 4) in the stream's world of the sensors that count; NaN where none was sent."""
         track = np.array([np.where(one.valid[:, None], one.orientation, np.nan) for one in self._samples])
         known = counts & np.isfinite(track).any(axis=(0, 2))
         mean = np.full(track.shape[1:], np.nan)
@@ -205,10 +201,7 @@ class RestCapture:
         return mean
 
     def _refuse_other(self, at: dict[str, FloatArray], size: HumanDimensions) -> float:
-        """Return the height, m, by which the head is above that of a person of this size; 0 with ankles.
-
-        Raises InputError where the difference is more than OTHER_SHARE.
-        """
+        """Height, m, by which the head is above that of a person of this size; 0 with ankles."""
         points = dict(zip(POINTS, size.standing(), strict=True))
         ankles = [name for name in ("l_ankle", "r_ankle") if name in at and np.isfinite(at[name]).all()]
         expected = points["head"][2] - np.mean([points["l_ankle"][2], points["r_ankle"][2]])
@@ -223,7 +216,6 @@ class RestCapture:
         return 0.0 if ankles else float(found - expected)
 
     def _refuse_unlike(self, fit: RestFit) -> None:
-        """Raise InputError unless the performer stands upright with both arms alike."""
         (low, high), found = LIVE_STATURE_M, fit.dimensions.stature
         if not low <= found <= high:
             raise self._refused("not upright", f"{found:.2f} m tall", low=low, high=high)

@@ -37,8 +37,8 @@ class PoseSource:
     """The sender's poses of which a sensor's pose is made. position, orientation: names of poses, "" for none.
 
     standing: the sent orientation, wxyz, of a person who stands upright, faces x and lets the arms hang, thumbs
-    forward. offset: from the joint to the sent point, m, in the axes of that pose. loose: the sensor sits beside the
-    joint at an unknown offset, and turns with the joint's segment.
+    forward. offset: from the joint to the sent point, m, in that pose. loose: the sensor sits beside the joint at an
+    unknown offset.
     """
 
     position: str
@@ -55,15 +55,12 @@ class PoseSource:
 
 
 def _places(convention: str) -> dict[str, PoseSource]:
-    """Sources of the canonical sensors, by `skeletons.yaml`."""
     sent = names_of_sides(TABLES["senders"][convention])
     both = {sensor: (names, names) if isinstance(names, str) else names for sensor, names in sent.items()}
     return {sensor: PoseSource(*both[sensor]) for sensor in SENSORS if sensor in both}
 
 
 def _from_t_pose(places: dict[str, PoseSource]) -> dict[str, PoseSource]:
-    """The sources of a sender whose orientations are the identity in the T-pose: a hanging arm is then turned by 90
-    degrees about forward."""
     half = float(np.sqrt(0.5))
     return places | {
         name: replace(places[name], standing=(half, turn, 0.0, 0.0))
@@ -86,7 +83,7 @@ CONVENTIONS: dict[str, dict[str, PoseSource]] = {
     "json": {sensor: PoseSource(sensor, sensor) for sensor in SENSORS},
     "natnet": {},
 }
-"""Sources by convention and canonical sensor. The performer's file has NatNet's names, which the user chooses."""
+"""Sources by convention and canonical sensor. The performer's file has NatNet's names."""
 
 
 NO_PLACE = PoseSource("", "")  # the source of a sensor that a sender lacks, and that is not waited for
@@ -94,8 +91,8 @@ NO_PLACE = PoseSource("", "")  # the source of a sensor that a sender lacks, and
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorPoses:
-    """The poses of m sensors in a frame. rows (m,): in the performer's order. position (m, 3) m and orientation (m, 4)
-    wxyz, canonical, NaN for none; tracked (m,)."""
+    """The poses of m sensors in a frame, canonical. rows (m,): in the performer's order. position (m, 3) m, orientation
+    (m, 4) wxyz, NaN for none."""
 
     rows: Rows
     position: FloatArray
@@ -115,8 +112,7 @@ class Roles:
         partial: bool = False,
         mirrored: bool = False,
     ) -> None:
-        """partial: sensors that the sender lacks are not waited for. mirrored: the sender sees the performer in a
-        mirror; places are those of the other side, for reflected poses."""
+        """partial: sensors that the sender lacks are not waited for. mirrored: places are those of the other side."""
         self.sensors, self.places, self.convention = tuple(sensors), tuple(places), convention
         self.partial, self.mirrored = partial, mirrored
         self._plan = lru_cache(maxsize=MAX_NAME_SETS)(self._make)
@@ -151,7 +147,6 @@ class Roles:
         return SensorPoses(rows, *columns.read(position, orientation, frame.tracked))
 
     def _make(self, names: tuple[str, ...]) -> tuple[Rows, SensorPlan] | None:
-        """Rows (m,) of the sensors among poses of these names, and how they are read; None without one."""
         column = {name: index for index, name in enumerate(names) if name}  # "" is no name of a pose
         sent = [
             (row, place)
@@ -173,8 +168,8 @@ class Roles:
 def roles_of(performer: Performer, convention: str, *, where: str, mirrored: bool = False) -> Roles:
     """The performer's sensors by the names of the performer's file, else by those of a convention.
 
-    where: the performer's file, for messages. mirrored: the sender sees the performer in a mirror. Raises UsageError
-    with every sensor that such a sender lacks; of a partial file, only with sensors that measuring needs.
+    mirrored: the sender sees the performer in a mirror. Raises UsageError with every sensor that such a sender lacks;
+    of a partial file, only with sensors that measuring needs.
     """
     if convention not in CONVENTIONS:
         allowed, step = ", ".join(CONVENTIONS), suggest(convention, CONVENTIONS)

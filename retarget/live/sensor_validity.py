@@ -1,7 +1,4 @@
-"""Live validity: the state of each sensor of a stream, messages about changes, and the debounce of sensors and holds.
-
-Limits and states are those of `retarget.human.pose_validation`.
-"""
+"""Live validity: states of a stream's sensors, messages about changes, and the debounce of sensors and holds."""
 
 from collections.abc import Sequence
 from math import isfinite
@@ -36,10 +33,9 @@ NO_TIME = "pose at a time that is not finite"
 
 
 class SensorValidity:
-    """The validity of k sensors. Times are s of the local clock; memory is bounded; outside data never raise.
+    """The validity of k sensors, by the limits of `retarget.human.pose_validation`. Outside data never raise.
 
-    refused: counts of unused poses by reason. A usable pose is finite, a rotation, inside the room, tracked by the
-    sender, and within reach of the last one.
+    refused: counts of unused poses by reason.
     """
 
     def __init__(self, names: Sequence[str], limits: ValidityLimits = LIMITS) -> None:
@@ -59,10 +55,10 @@ class SensorValidity:
     def take(
         self, rows: IntArray, time: float, *, position: FloatArray, orientation: FloatArray, tracked: BoolArray
     ) -> BoolArray:
-        """Judge m poses captured at `time`. Returns the mask (m,) of usable ones, until the next call.
+        """Judge m poses captured at `time`, s. Returns the mask (m,) of usable ones, until the next call.
 
-        rows (m,): their sensors, each once. position (m, 3) m, world. orientation (m, 4) wxyz, NaN where missing.
-        tracked (m,): False where the sender marks them as lost.
+        rows (m,): their sensors. position (m, 3) m, world. orientation (m, 4) wxyz, NaN where missing. tracked (m,):
+        False where the sender marks them as lost.
         """
         if not isfinite(time):
             self.refused.reasons[NO_TIME] += len(rows)
@@ -89,7 +85,7 @@ class SensorValidity:
         return states
 
     def messages(self) -> list[News]:
-        """Changes since the last call, in sentences for the user, one for all sensors that changed alike."""
+        """Changes since the last call, one sentence for all sensors that changed alike."""
         if self._states.tobytes() == self._reported.tobytes():
             return []
         alike: dict[tuple[ValidityState, ValidityState, bool], dict[str, float]] = {}
@@ -118,13 +114,11 @@ class SensorValidity:
 
 
 class Debounce:
-    """Becomes true after `LIMITS.healthy` s of good without a break. good: the first state."""
+    """True after `LIMITS.healthy` s of good without a break. good: the first state."""
 
     def __init__(self, *, good: bool = False) -> None:
-        self.good = good
-        """Result of the last step."""
-        self.tries = 0
-        """Number of times that it became good, but not for long enough."""
+        self.good = good  # result of the last step
+        self.tries = 0  # times that it became good, but not for long enough
         self._since = -np.inf if good else np.inf
 
     def restart(self) -> None:
@@ -141,15 +135,12 @@ class Debounce:
 
 
 class Engagement:
-    """Follows samples, or holds. It begins with a hold at the sample that the robot has approached, or `following`."""
+    """Follows samples, or holds. It begins with a hold at the sample that the robot has approached."""
 
     def __init__(self, first: SensorSample, *, following: bool = False) -> None:
-        self.engaged = True
-        """True if the robot is to follow; False while a pedal or key is released."""
-        self.following = following
-        """True while samples are followed; else the last one is held."""
-        self.shown = first
-        """The sample that was followed last."""
+        self.engaged = True  # False while a pedal or key is released
+        self.following = following  # else the last sample is held
+        self.shown = first  # the last followed sample
         self.good = Debounce()  # its `tries` are of this hold
 
     def hold(self) -> None:
@@ -172,7 +163,7 @@ class SensorDebounce:
     """Selects the sensors that are used: valid ones, and lost ones after `LIMITS.healthy` s."""
 
     def __init__(self, states: StateArray) -> None:
-        """states (k,): of now. Valid sensors are used at once, as the body does not move yet."""
+        """Valid sensors are used at once, as the body does not move yet."""
         self._since = np.where(states == ValidityState.FRESH, -np.inf, np.inf)
 
     def step(self, states: StateArray, now: float) -> BoolArray:

@@ -44,7 +44,6 @@ MOST_ROUNDS = 4  # polls of the receiver in one poll of the stream: 512 datagram
 
 
 def _newest(admitted: list[Datagram]) -> int:
-    """Index of the first datagram that is decoded, of those that one poll admitted."""
     first, size = len(admitted), 0
     for datagram in admitted[: -MOST_DECODED - 1 : -1]:
         size += len(datagram.payload)
@@ -57,9 +56,9 @@ def _newest(admitted: list[Datagram]) -> int:
 class LiveStream:
     """One sender, from its datagrams to the sensors of `roles`. Memory is bounded; outside data never raise.
 
-    frames: decoded so far. arrived: datagrams so far, admitted or not. last: s, arrival of the last frame with a time.
-    captured: s, newest capture. tap: records the admitted datagrams. smoothing: see `SMOOTHINGS`; raises UsageError for
-    an unknown one. kind: the scheme of the address, "" for the caller's own receiver.
+    frames: decoded so far. arrived: datagrams so far. last: s, arrival of the last frame with a time. captured: s,
+    newest capture. tap: records the admitted datagrams. kind: the scheme of the address, "" for the caller's own
+    receiver. Raises UsageError for an unknown smoothing.
     """
 
     def __init__(
@@ -81,10 +80,8 @@ class LiveStream:
         self.admission, self.clock_map, self.validity, self.playout = admission, clock_map, validity, playout
         self.frames = self.arrived = 0
         self.last = self.captured = -np.inf
-        self.names: dict[str, None] = {}
-        """The sender's names of the poses that it has sent; bounded."""
-        self.undecoded = b""
-        """The last datagram that held no poses."""
+        self.names: dict[str, None] = {}  # of the poses that the sender has sent; bounded
+        self.undecoded = b""  # the last datagram without poses
         self.tap, self._camera = tap, False
         self._smoothing, self._smooth = smoothing, pose_filter(smoothing, len(roles.sensors))
         self._parts = PoseParts(len(roles.sensors))
@@ -102,8 +99,7 @@ class LiveStream:
     def poll(self, now: float, *, moving: bool) -> None:
         """Take what has arrived until `now`, s. moving: True if no other source may take over the stream.
 
-        Beyond MOST_DECODED datagrams or bytes only the newest are decoded, so that the latency of a slow run does not
-        grow.
+        Beyond MOST_DECODED only the newest datagrams are decoded, so that the latency of a slow run does not grow.
         """
         admitted: list[Datagram] = []
         for _ in range(MOST_ROUNDS):

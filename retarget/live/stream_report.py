@@ -26,8 +26,7 @@ from retarget.types import News, Notify
 
 
 def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") -> str:
-    """The remedy for datagrams `got` at an address of `kind`; "" if the address reads them. recording: their file, or
-    ""."""
+    """The remedy for datagrams `got` at an address of `kind`; "" if the address reads them. recording: their file."""
     symptom = f"instead {got.kind}" if got.kind else f"unread {got.name}"
     if reads(kind, got):
         symptom = f"part {got.detail}"
@@ -82,7 +81,7 @@ MOST_REASONS, MOST_NAMES = 3, 40  # in a message, to keep it readable
 
 
 def refused_counts(stream: LiveStream) -> Counter[str]:
-    """Counts of everything that was not used so far, by reason; a copy."""
+    """Counts of everything that was not used, by reason; a copy."""
     stages = stream.admission.refused, stream.decoder.dropped, stream.receiver.dropped, stream.validity.refused
     counts = (*stages, stream.clock_map.dropped, stream.playout.dropped)
     return sum((dropped.reasons for dropped in counts), Counter[str]())
@@ -93,17 +92,14 @@ def _listed(reasons: Counter[str]) -> str:
 
 
 def _commonest(reasons: Counter[str]) -> str:
-    """The commonest reason, "" for none."""
     return max(reasons, key=reasons.__getitem__, default="")
 
 
 def _mistake(reasons: Counter[str]) -> str:
-    """The remedy for a sender's mistake in every datagram, if it is the commonest reason; else ""."""
     return advice(f"mistake {_commonest(reasons)}").then
 
 
 def _step(stream: LiveStream, reasons: Counter[str]) -> str:
-    """The remedy for what was not used, by its commonest reason."""
     admission = stream.admission
     refused = ",".join(address for address, reason in admission.named if reason == NOT_ALLOWED)
     owner = "{}:{}".format(*admission.owner or ("the sender", "any port"))
@@ -111,7 +107,6 @@ def _step(stream: LiveStream, reasons: Counter[str]) -> str:
 
 
 def _motive(stream: LiveStream, now: float) -> list[Problem]:
-    """The problems that Motive's answers show."""
     receiver = stream.receiver
     return [*natnet_problems(receiver.session, now, host=receiver.host)] if isinstance(receiver, NatnetReceiver) else []
 
@@ -123,13 +118,13 @@ def _is_foreign(stream: LiveStream) -> bool:
 
 
 def refuse_version(stream: LiveStream, now: float) -> None:
-    """Raise InputError for a Motive version that cannot be read, though its frames may look readable."""
+    """Raise InputError for a Motive version that cannot be read."""
     if _is_foreign(stream):
         raise InputError.from_problems(_motive(stream, now))
 
 
 def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: str, now: float) -> InputError:
-    """Make the error for a stream that cannot be used, with the reason. missing: needed sensors that are not fresh."""
+    """Make the error for a stream that cannot be used. missing: needed sensors that are not fresh."""
     refused, silence = refused_counts(stream), now - stream.last
     if problems := _motive(stream, now):
         return InputError.from_problems(problems)
@@ -154,7 +149,6 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
 
 
 def _instead(stream: LiveStream, where: str) -> tuple[str, str]:
-    """Description of other data than the address reads, and the remedy; "" each where unknown."""
     got = recognise(stream.undecoded)
     if stream.frames or where.partition("://")[0] not in KINDS or not got.kind:  # also the caller's own source
         return "", ""
@@ -166,7 +160,6 @@ def _instead(stream: LiveStream, where: str) -> tuple[str, str]:
 
 
 def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
-    """The error for a stream on which nothing has arrived, with the bound address and port."""
     receiver = stream.receiver
     if not isinstance(receiver, UdpReceiver):
         return refusal(InputError, "nothing arrives", where, stream.kind, waited=waited)
@@ -187,20 +180,18 @@ def _of_motive(problem: Problem, more: str = "") -> News:
 
 
 class StreamProblems:
-    """Watches a stream in every tick, and reports the reason once in every silence. `now` is s of the clock of the
-    run."""
+    """Watches a stream in every tick, and reports the reason once in every silence."""
 
     def __init__(self, stream: LiveStream) -> None:
         self._stream = stream
         self._silence_limit = NATNET_S if isinstance(stream.receiver, NatnetReceiver) else SILENT_S
         self._reported = ""
-        self._before: tuple[int, Counter[str]] | None = None
-        """Counts when the silence began, or was first seen: datagrams, refusals by reason."""
+        self._before: tuple[int, Counter[str]] | None = None  # when the silence began: datagrams, refusals by reason
         self._noted = 0.0  # [s] when that was
 
     @property
     def foreign(self) -> bool:
-        """True if the sender now has a version that cannot be read, whatever its frames look like."""
+        """True if the sender has a version that cannot be read."""
         return _is_foreign(self._stream)
 
     def look(self, now: float) -> News:
@@ -248,15 +239,14 @@ class StreamProblems:
         return self._stream.arrived, refused_counts(self._stream)
 
 
+# Datagrams that waited while a bus was opened are no flood.
 REPORTED_FROM = {TOO_LONG: ("too long", 1), TOO_MANY: ("too many", 5_000)}
-"""Symptoms and counts from which these are reported: datagrams that waited while a bus was opened are no flood."""
 
 
 class StreamNews:
     """Watches a stream in every tick. Its messages are few, however much other senders send."""
 
     def __init__(self, stream: LiveStream, notify: Notify) -> None:
-        """notify: receives one sentence for each event."""
         self._stream, self._notify = stream, notify
         self._reported = set[str]()
         self._jumps = stream.clock_map.jumps  # earlier jumps are of a sender that starts
@@ -325,13 +315,12 @@ MOST_TIMED = 100_000  # frames: the last quarter of an hour of a headset
 
 
 class GoalLatency:
-    """Measures the time from the arrival of each frame to the first goals after it. Call `note` when goals were
-    sent."""
+    """Measures the time from the arrival of each frame to the first goals after it."""
 
     def __init__(self, stream: LiveStream) -> None:
         self._stream, self._last = stream, stream.last
+        # Times, s, of every frame that was the newest when goals were sent.
         self.times: deque[float] = deque(maxlen=MOST_TIMED)
-        """s, of every frame that was the newest when goals were sent."""
 
     def recent(self) -> float | None:
         """The median of the newest LATEST frames, s; None before the first."""
@@ -349,11 +338,10 @@ class GoalLatency:
 class LiveReport:
     """The report on a live run's stream.
 
-    frames, datagrams: from the beginning on, calibration included. dropped: counts of unused datagrams, frames and
-    poses, by reason. refused: senders that were ignored. lost_s: time that each sensor was invalid while the robot
-    followed or held. playout_delay_ms: at the end. latency_ms: by stage: "goal" from the arrival of a frame to the
-    first goals after it; of `web://` also "page" from the capture of a picture to its sending, and "network" half of a
-    round trip. person: name of the kept size.
+    frames, datagrams: from the beginning on, calibration included. dropped: counts of unused data by reason. refused:
+    senders that were ignored. lost_s: time that each sensor was invalid while the robot followed or held.
+    playout_delay_ms: at the end. latency_ms: by stage: "goal" from the arrival of a frame to the first goals after it;
+    of `web://` also "page" from the capture of a picture to its sending, and "network" half of a round trip.
     """
 
     address: str
