@@ -117,19 +117,19 @@ class BodyModel:
         return float(self.mass.sum())
 
     def body_index(self, name: str) -> int:
-        """Return the index of a body. Raises ConfigError with the nearest names."""
+        """Index of a body. Raises ConfigError with the nearest names."""
         return self._index("body", name, self.body_names)
 
     def joint_index(self, name: str) -> int:
-        """Return the index of a joint. Raises ConfigError with the nearest names."""
+        """Index of a joint. Raises ConfigError with the nearest names."""
         return self._index("joint", name, self.joint_names)
 
     def dof_index(self, name: str) -> int:
-        """Return the index of a degree of freedom. Raises ConfigError with the nearest names."""
+        """Index of a degree of freedom. Raises ConfigError with the nearest names."""
         return self._index("degree of freedom", name, self.dof_names)
 
     def frame(self, name: str) -> Frame:
-        """Return a site of the file, or the origin of a body. Raises ConfigError."""
+        """Site of the file, or the origin of a body. Raises ConfigError."""
         for frame in self.frames:
             if frame.name == name:
                 return frame
@@ -138,14 +138,14 @@ class BodyModel:
         return Frame(name, body, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
     def posture(self, angles: Mapping[str, float]) -> FloatArray:
-        """Return the posture (nq,) with these joint angles, rad, and the file's elsewhere. Raises ConfigError."""
+        """Posture (nq,) with these joint angles, rad, and the file's elsewhere. Raises ConfigError."""
         q = self.qpos0.copy()
         for joint, angle in angles.items():
             q[self.joint_qpos[self.joint_index(joint)]] = angle
         return q
 
     def chain_to_root(self, link: int) -> tuple[int, ...]:
-        """Return the link and its ancestors, nearest first, without the world."""
+        """Link and its ancestors, nearest first, without the world."""
         links = []
         while link > 0:
             links.append(link)
@@ -153,16 +153,16 @@ class BodyModel:
         return tuple(links)
 
     def links_between(self, first: int, second: int) -> set[int]:
-        """Return the links whose joints move one link relative to the other."""
+        """Links whose joints move one link relative to the other."""
         return set(self.chain_to_root(first)).symmetric_difference(self.chain_to_root(second))
 
     def moved_with(self, link: int) -> int:
-        """Return the nearest link with a joint, from `link` up to the root; 0 without any."""
+        """Nearest link with a joint, from `link` up to the root; 0 without any."""
         moving = set(self.joint_body.tolist())
         return next((above for above in self.chain_to_root(link) if above in moving), 0)
 
     def scalar_joints(self) -> tuple[NDArray[np.bool_], IntArray]:
-        """Return the mask (nv,) of hinges and slides, and the index of each DoF in q (nv,), -1 for the others."""
+        """Mask (nv,) of hinges and slides, and the index of each DoF in q (nv,), -1 for the others."""
         address = np.full(self.nv, -1, dtype=np.int64)
         single = np.isin(self.joint_type, (JointType.SLIDE, JointType.HINGE))
         address[self.joint_dof[single]] = self.joint_qpos[single]
@@ -175,7 +175,7 @@ class BodyModel:
         return tuple(name for name, kept in zip(self.dof_names, single, strict=True) if kept)
 
     def solver_body(self) -> "_solver.Body":
-        """Return the tree for the compiled solver."""
+        """Tree for the compiled solver."""
         from retarget import _solver
 
         return _solver.Body(
@@ -208,7 +208,7 @@ def load_body_text(text: str, *, source: str, root: Root | None = None) -> BodyM
 
 
 def body_from_file(file: BodyFile) -> BodyModel:
-    """Return the arrays of a compiled body."""
+    """Arrays of a compiled body."""
     model = file.model
     joint_type = _ints(model.jnt_type)
     joint_names = tuple(model.joint(i).name or f"joint_{i}" for i in range(model.njnt))
@@ -263,7 +263,7 @@ NO_COLOUR = 0.5
 
 
 def geoms_of(model: Any) -> tuple[Geom, ...]:
-    """Return the shapes of a `mujoco.MjModel`."""
+    """Shapes of a `mujoco.MjModel`."""
     return tuple(_geom(model, index) for index in range(model.ngeom))
 
 
@@ -329,7 +329,7 @@ class JointLimits:
 
 
 def joint_weights(body: BodyModel, values: Iterable[tuple[str, float]], *, default: float) -> FloatArray:
-    """Return one number per DoF (nv,): that of the last pair that names it, else `default`, or 0 for a free root.
+    """One number per DoF (nv,): that of the last pair that names it, else `default`, or 0 for a free root.
 
     A name is a DoF (`l_knee_flexion`), a joint (`l_hip`), either without its side (`hip`), or `root`, the six DoFs of a
     free root. Raises ConfigError with the nearest names.
@@ -363,7 +363,7 @@ LIMB_ENDS = ("l_hand", "r_hand", "l_sole", "r_sole")
 
 
 def low_inertia_joints(body: BodyModel, frames: Mapping[str, Frame]) -> list[int]:
-    """Return the DoFs of light hinges outside limbs. frames: of the body, by name."""
+    """DoFs of light hinges outside limbs. frames: of the body, by name."""
     solver = body.solver_body()
     hinges = body.joint_type == JointType.HINGE
     columns, dofs = body.joint_qpos[hinges], body.joint_dof[hinges]

@@ -66,7 +66,7 @@ def compile_body(path: Path, *, root: Root | None = None) -> BodyFile:
 
 
 def body_spec(path: Path, *, root: Root) -> Any:
-    """Return the `mujoco.MjSpec` of a file that `compile_body` has read."""
+    """The `mujoco.MjSpec` of a file that `compile_body` has read."""
     mujoco, urdf, _ = engine(), *_checked(path)
     spec, _, _ = _prepared(lambda: mujoco.MjSpec.from_file(str(path)), urdf=urdf, source=str(path), root=root)
     return spec

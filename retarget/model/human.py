@@ -48,7 +48,7 @@ _POINT_M = 1e-3
 
 
 def human_mjcf(dimensions: HumanDimensions) -> str:
-    """Return the MJCF of the human, standing with the soles on the ground (z = 0), facing x."""
+    """MJCF of the human, standing with the soles on the ground (z = 0), facing x."""
     lines = [_HEADER]
     _write_link(lines, HUMAN_JOINTS[0], dimensions, depth=2)
     lines += ["  </worldbody>", "</mujoco>", ""]
@@ -173,14 +173,14 @@ class Human:
         return solid_body(self.body)
 
     def posture(self, name: str) -> FloatArray:
-        """Return a reference posture (nq,) at the origin. Raises ConfigError with the nearest names."""
+        """Reference posture (nq,) at the origin. Raises ConfigError with the nearest names."""
         if name not in POSTURES:
             allowed = ", ".join(POSTURES)
             raise ConfigError("unknown posture", found=name, allowed=allowed, next_step=suggest(name, POSTURES))
         return self.posture_from(POSTURES[name].items())
 
     def posture_from(self, angles_deg: Iterable[tuple[str, float]]) -> FloatArray:
-        """Return the posture (nq,) of (motion, degrees) pairs; motions without a side are of both. Raises ConfigError
+        """Posture (nq,) of (motion, degrees) pairs; motions without a side are of both. Raises ConfigError
         for unknown motions, or outside a joint's limits."""
         q = self.body.qpos0.copy()
         single, address = self.body.scalar_joints()
@@ -197,7 +197,7 @@ class Human:
 
 
 def build_human(dimensions: HumanDimensions) -> Human:
-    """Return the virtual human of this size, in about 5 ms."""
+    """Virtual human of this size, in about 5 ms."""
     mjcf = human_mjcf(dimensions)
     body = body_from_file(compile_body_text(mjcf, source=f"virtual human ({dimensions.origin})", own=True))
     locked = {f"{joint.name}_{hinge.motion}": hinge.locked for joint in HUMAN_JOINTS for hinge in joint.hinges}
@@ -205,7 +205,7 @@ def build_human(dimensions: HumanDimensions) -> Human:
 
 
 def human_limits(body: BodyModel) -> JointLimits:
-    """Return anatomical limits of position, and the speeds of the table."""
+    """Anatomical limits of position, and the speeds of the table."""
     return JointLimits(
         lower=body.lower,
         upper=body.upper,
@@ -226,13 +226,13 @@ class PostureReader:
         self._probe = Probe(self._body, self._links, self._local, self._oriented)
 
     def read(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return joints (m, 3) m, orientations (3, 4) wxyz and centre of mass (3,) m of a posture (nq,)."""
+        """Joints (m, 3) m, orientations (3, 4) wxyz and centre of mass (3,) m of a posture (nq,)."""
         return self._probe.read(q)
 
     def joints(self, q: FloatArray) -> FloatArray:
-        """Return the centres (T, m, 3) m of POINTS, for postures (T, nq)."""
+        """Centres (T, m, 3) m of POINTS, for postures (T, nq)."""
         return self._body.points(q, self._links, self._local)
 
     def orientations(self, q: FloatArray) -> FloatArray:
-        """Return the orientations (T, 3, 4) wxyz of ORIENTED, for postures (T, nq)."""
+        """Orientations (T, 3, 4) wxyz of ORIENTED, for postures (T, nq)."""
         return self._body.orientations(q, self._oriented)

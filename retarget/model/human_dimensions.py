@@ -37,7 +37,7 @@ class HumanJoint:
     hinges: tuple[Hinge, ...]
 
     def axis(self, hinge: Hinge) -> FloatArray:
-        """Return the axis (3,) in the rest frame, mirrored on the right side, so that equal angles are equal
+        """Axis (3,) in the rest frame, mirrored on the right side, so that equal angles are equal
         motions."""
         mirror = np.array([-1.0, 1.0, -1.0]) if self.name.startswith("r_") else np.ones(3)
         return np.asarray(np.array(hinge.axis) * mirror)
@@ -107,7 +107,7 @@ PARENTS: tuple[int, ...] = tuple(
 
 
 def kind_of(name: str) -> str:
-    """Return the name of a point without its side."""
+    """Name of a point without its side."""
     return name[2:] if name[1] == "_" else name
 
 
@@ -141,15 +141,15 @@ class HumanDimensions:
         object.__setattr__(self, "offset", offset)
 
     def of(self, name: str) -> FloatArray:
-        """Return the offset (3,) m of a point from its parent."""
+        """Offset (3,) m of a point from its parent."""
         return np.asarray(self.offset[POINTS.index(name)])
 
     def length(self, name: str) -> float:
-        """Return the distance of a point from its parent, m."""
+        """Distance of a point from its parent, m."""
         return norm(self.of(name))
 
     def standing(self) -> FloatArray:
-        """Return all points (23, 3) m in the rest posture, the pelvis at the origin."""
+        """All points (23, 3) m in the rest posture, the pelvis at the origin."""
         return points_of(self.offset)
 
     @property
@@ -161,7 +161,7 @@ class HumanDimensions:
 
 
 def points_of(offset: FloatArray) -> FloatArray:
-    """Return all points (23, 3) m from the pelvis, for offsets (23, 3) m from parents in one frame."""
+    """All points (23, 3) m from the pelvis, for offsets (23, 3) m from parents in one frame."""
     points = np.zeros((len(POINTS), 3))
     for i, parent in enumerate(PARENTS):
         if parent >= 0:
@@ -170,25 +170,25 @@ def points_of(offset: FloatArray) -> FloatArray:
 
 
 def stature_of(offset: FloatArray) -> float:
-    """Return the stature, m, for offsets (23, 3) m, from the height between ankles and head."""
+    """Stature, m, for offsets (23, 3) m, from the height between ankles and head."""
     height = points_of(offset)[:, 2]
     ankles = 0.5 * (height[POINTS.index("l_ankle")] + height[POINTS.index("r_ankle")])
     return float((height[POINTS.index("head")] - ankles) / (FRACTIONS.head_height - FRACTIONS.ankle_height))
 
 
 def default_mass(stature: float) -> float:
-    """Return the mass, kg, of a person of unknown mass."""
+    """Mass, kg, of a person of unknown mass."""
     return BODY_MASS_INDEX * stature * stature
 
 
 def mirrored_dimensions(dimensions: HumanDimensions) -> HumanDimensions:
-    """Return the dimensions with left and right exchanged."""
+    """Dimensions with left and right exchanged."""
     columns = [POINTS.index(mirrored_name(name)) for name in POINTS]
     return replace(dimensions, offset=dimensions.offset[columns] * np.array([1.0, -1.0, 1.0]))
 
 
 def proportional_dimensions(stature: float) -> HumanDimensions:
-    """Return the dimensions of a person of average proportions, for a stature in m."""
+    """Dimensions of a person of average proportions, for a stature in m."""
     offset = np.array([TABLES["offsets"][kind_of(name)] for name in POINTS]) * stature
     right = [POINTS.index(name) for name in ("r_shoulder", "r_hip")]
     offset[right, 1] *= -1.0

@@ -36,12 +36,12 @@ class Mesh:
         return bool((there == back).all())
 
     def placed(self, position: FloatArray, quat: FloatArray) -> "Mesh":
-        """Return the mesh in the frame in which its own is at position (3,) m, quat (4,) wxyz."""
+        """Mesh in the frame in which its own is at position (3,) m, quat (4,) wxyz."""
         return Mesh(position + rotations.rotate(quat, self.vertices), self.faces)
 
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:
-    """Return several meshes as one."""
+    """Several meshes as one."""
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces + offset for mesh, offset in zip(meshes, first[:-1], strict=True)]
     return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
@@ -54,7 +54,7 @@ THINNEST, GROUND = 0.002, 2.0
 
 
 def shape_mesh(kind: int, size: Iterable[float], *, around: int = AROUND) -> Mesh:
-    """Return a canonical shape of `scene_shapes` in its own frame, or a piece of a half-space. around: corners of a
+    """Canonical shape of `scene_shapes` in its own frame, or a piece of a half-space. around: corners of a
     circle."""
     x, y, z = (float(value) for value in size)
     if kind == ShapeKind.CAPSULE:
@@ -139,7 +139,7 @@ Part = tuple[int, tuple[float, float, float] | None]
 
 
 def link_meshes(body: BodyModel) -> dict[Part, Mesh]:
-    """Return the meshes of links by colour, each in its link's frame, without planes and height fields. Shapes that do
+    """Meshes of links by colour, each in its link's frame, without planes and height fields. Shapes that do
     not collide replace the others of a link. Without them, rods close gaps between shapes."""
     geoms = _shown(body.geoms, range(1, len(body.parent)))
     found, parts = _drawn(geoms, MOST_TRIANGLES - ROOM), dict[Part, list[Mesh]]()
@@ -151,7 +151,7 @@ def link_meshes(body: BodyModel) -> dict[Part, Mesh]:
 
 
 def link_looks(geoms: Sequence[Geom], links: Iterable[int], *, most: int) -> dict[Part, Mesh]:
-    """Return the files' meshes that `link_meshes` shows of these links, by colour, with about `most` triangles at
+    """Files' meshes that `link_meshes` shows of these links, by colour, with about `most` triangles at
     most."""
     parts = dict[Part, list[Mesh]]()
     for geom, mesh in _drawn([geom for geom in _shown(geoms, links) if geom.triangles is not None], most):
@@ -293,7 +293,7 @@ SIDES = {"l_": LEFT, "r_": RIGHT}
 
 
 def side_colours(body: BodyModel, named: Mapping[str, int]) -> tuple[str, ...]:
-    """Return the colour of each link, by the side of its limb: a limb carries only `l_` or only `r_` frames. named:
+    """Colour of each link, by the side of its limb: a limb carries only `l_` or only `r_` frames. named:
     links by the names of frames on them."""
     between = {link for name, end in named.items() if name[:2] not in SIDES for link in body.chain_to_root(end)}
     found: dict[int, str] = {}
@@ -320,23 +320,23 @@ class SolidBody:
     kinematics: "_solver.Body"
 
     def as_json(self) -> dict[str, Any]:
-        """Return the data of `bodies.js`. Links are numbered as in `poses`."""
+        """Data of `bodies.js`. Links are numbered as in `poses`."""
         return {"height": round(self.height, 4)} | meshes_json(self.meshes, self.colours.tolist(), self.owners.tolist())
 
     def poses(self, q: FloatArray) -> FloatArray:
-        """Return poses (T, k, 7) of its links in postures (T, nq): position, m, and quaternion wxyz."""
+        """Poses (T, k, 7) of its links in postures (T, nq): position, m, and quaternion wxyz."""
         forward = [self.kinematics.forward(np.ascontiguousarray(posture)) for posture in q]
         return np.array([np.column_stack(pose)[self.links] for pose in forward])
 
     def com(self, q: FloatArray) -> FloatArray:
-        """Return the centre of mass (T, 3) m in postures (T, nq)."""
+        """Centre of mass (T, 3) m in postures (T, nq)."""
         return self.kinematics.centre_of_mass(np.ascontiguousarray(q))
 
 
 def meshes_json(
     meshes: Iterable[Mesh], colours: Iterable[Sequence[float]], links: Iterable[int] | None = None
 ) -> dict[str, Any]:
-    """Return the data of `bodies.js` for meshes and colours, 0 to 1, with vertices to 0.1 mm. links: numbers of their
+    """Data of `bodies.js` for meshes and colours, 0 to 1, with vertices to 0.1 mm. links: numbers of their
     poses; None if each mesh has its own."""
     return {
         "meshes": [
@@ -352,17 +352,17 @@ def meshes_json(
 
 
 def shapes_json(meshes: Iterable[Mesh], colour: str) -> dict[str, Any]:
-    """Return the data of `bodies.js` for meshes of one colour."""
+    """Data of `bodies.js` for meshes of one colour."""
     return meshes_json(meshes, repeat(rgb(colour)))
 
 
 def rgb(colour: str) -> list[float]:
-    """Return red, green and blue, 0 to 1, of a colour such as `#d55e00`."""
+    """Red, green and blue, 0 to 1, of a colour such as `#d55e00`."""
     return [int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
 
 
 def solid_body(body: BodyModel, named: Mapping[str, int] | None = None) -> SolidBody:
-    """Return a body in the colours of `side_colours`. named: None for the names of links."""
+    """Body in the colours of `side_colours`. named: None for the names of links."""
     if named is None:
         named = {name: link for link, name in enumerate(body.body_names) if link > 0}
     meshes, sides, kinematics = link_meshes(body), side_colours(body, named), body.solver_body()

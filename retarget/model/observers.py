@@ -55,7 +55,7 @@ class PairRules:
 def checked_pairs(
     body: BodyModel, observers: "Observers", rules: PairRules
 ) -> tuple[IntArray, tuple[DroppedPair, ...], FloatArray]:
-    """Return checked pairs (p, 2), dropped pairs, and greatest margins (p,) m. Raises ConfigError for parts that are
+    """Checked pairs (p, 2), dropped pairs, and greatest margins (p,) m. Raises ConfigError for parts that are
     far apart along the body and touch in the neutral posture."""
     ignored = {frozenset(pair[:2]): pair[2] for pair in rules.ignored}
     checked, dropped = [], []
@@ -92,7 +92,7 @@ def checked_pairs(
 
 
 def placed(body: BodyModel, observers: "Observers", q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return world positions (..., n, 3) and orientations (..., n, 4) wxyz of observers' frames in postures (...,
+    """World positions (..., n, 3) and orientations (..., n, 4) wxyz of observers' frames in postures (...,
     nq)."""
     solver, links, rows = body.solver_body(), observers.links.tolist(), np.ascontiguousarray(np.atleast_2d(q))
     position = solver.points(rows, links, np.ascontiguousarray(observers.positions))
@@ -111,7 +111,7 @@ def _distances(body: BodyModel, observers: "Observers", pairs: IntArray, q: Floa
 
 
 def steps_between(body: BodyModel, first: int, second: int) -> int:
-    """Return the number of links with joints between two links."""
+    """Number of links with joints between two links."""
     return len(body.links_between(first, second).intersection(body.joint_body.tolist()))
 
 
@@ -160,11 +160,11 @@ class Observers:
     ground_margin: FloatArray
 
     def with_margin(self, margin: float | None) -> "Observers":
-        """Return the observers with another margin, m; None: their own."""
+        """Observers with another margin, m; None: their own."""
         return self if margin is None else replace(self, margin=np.full_like(self.margin, margin))
 
     def obstacle_pairs(self, scene: SceneShapes) -> tuple[IntArray, FloatArray]:
-        """Return checked pairs (m, 2) of observers and obstacles, obstacle by obstacle, without soles and ground; and
+        """Checked pairs (m, 2) of observers and obstacles, obstacle by obstacle, without soles and ground; and
         greatest margins (m,) m."""
         which, obstacle = (part.ravel() for part in np.indices((len(self.names), len(scene.names))).swapaxes(1, 2))
         looks = ~(self.stands[which] & scene.ground[obstacle])
@@ -174,7 +174,7 @@ class Observers:
     def for_solver(
         self, body: BodyModel, scene: SceneShapes = NO_SCENE, *, looks: NDArray[np.bool_] | None = None
     ) -> _solver.Observers:
-        """Return the observers for the compiled solver, with k obstacles of a scene. looks (n, k): mask of checked
+        """Observers for the compiled solver, with k obstacles of a scene. looks (n, k): mask of checked
         pairs; None: `obstacle_pairs`."""
         obstacle_pairs, most = self.obstacle_pairs(scene)
         if looks is not None:
@@ -201,7 +201,7 @@ class Observers:
 
 
 def robot_observers(robot: RobotBody) -> Observers:
-    """Return the observers of a robot's profile. Raises ConfigError; see `checked_pairs`."""
+    """Observers of a robot's profile. Raises ConfigError; see `checked_pairs`."""
     profile, body = robot.profile, robot.body
     parts = {
         name: Part(body.body_index(entry.link), *_shape(body, entry), entry.influence, entry.margin)
@@ -259,7 +259,7 @@ def _heights(robot: RobotBody, observers: Observers, angles: dict[str, float]) -
 
 
 def assemble(body: BodyModel, parts: Mapping[str, Part], rules: PairRules) -> Observers:
-    """Return observers by name, with their checked pairs."""
+    """Observers by name, with their checked pairs."""
     rows = tuple(parts.values())
     none = Observers(
         names=tuple(parts),
@@ -281,7 +281,7 @@ def assemble(body: BodyModel, parts: Mapping[str, Part], rules: PairRules) -> Ob
 
 
 def geom_shape(geom: Geom) -> ShapeRow | None:
-    """Return the shape of a geom; None for kinds without observers (meshes, ellipsoids)."""
+    """Shape of a geom; None for kinds without observers (meshes, ellipsoids)."""
     size = tuple(float(value) for value in geom.size)
     first, second, third = size
     known = {
@@ -322,7 +322,7 @@ ObserverSet = Literal["none", "lines", "lines_and_head", "capsules"]
 
 
 def human_observers(human: Human, settings: ObserverSettings) -> Observers | None:
-    """Return the observers of a human; None without any."""
+    """Observers of a human; None without any."""
     chosen = settings.human
     if chosen == "none":
         return None
@@ -367,7 +367,7 @@ def contacts(
     time: float = 0.0,
     deeper_than: float = CONTACT_M,
 ) -> tuple[Contact, ...]:
-    """Return the contacts in posture q (nq,) at a time of the scene, s, the deepest first."""
+    """Contacts in posture q (nq,) at a time of the scene, s, the deepest first."""
     position, quat = placed(body, observers, q)
     n, pairs = len(observers.names), observers.pairs
     kinds, sizes, others = observers.kinds, observers.sizes, observers.names

@@ -24,7 +24,7 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 
 def limb_turns(skeleton: Skeleton, sensors: Sequence[str]) -> FloatArray:
-    """Return the turns (k, 4) wxyz of sensors' segments from hanging down to the skeleton's rest pose by the shortest
+    """Turns (k, 4) wxyz of sensors' segments from hanging down to the skeleton's rest pose by the shortest
     arc; the identity for those of the trunk, NaN for a bone of no length."""
     result = np.tile(rotations.IDENTITY, (len(sensors), 1))
     for row, sensor in enumerate(sensors):
@@ -37,7 +37,7 @@ def limb_turns(skeleton: Skeleton, sensors: Sequence[str]) -> FloatArray:
 
 
 def hanging_toe(skeleton: Skeleton, side: str) -> FloatArray | None:
-    """Return the offset (3,) m of a toe from its ankle under a hanging leg; None without a toe or a length on the
+    """Offset (3,) m of a toe from its ankle under a hanging leg; None without a toe or a length on the
     ground."""
     if f"{side}_toe" not in skeleton.names:
         return None
@@ -48,7 +48,7 @@ def hanging_toe(skeleton: Skeleton, side: str) -> FloatArray | None:
 
 
 def rest_faults(skeleton: Skeleton) -> tuple[str, ...]:
-    """Return the reasons, in words, why a rest skeleton does not stand upright and face x."""
+    """Reasons, in words, why a rest skeleton does not stand upright and face x."""
     size, faults = _size(skeleton), []
     trunk = skeleton.of("head") - _middle(skeleton, "hip")
     legs = _middle(skeleton, "hip") - _middle(skeleton, "ankle")

@@ -108,28 +108,28 @@ class RobotBody:
         return tuple(frozenset(name for name, link in moving.items() if link == one) for one in held)
 
     def posture(self, angles: dict[str, float]) -> FloatArray:
-        """Return the posture (nq,) with these joint angles, rad, and 0 elsewhere, the root as in the body file."""
+        """Posture (nq,) with these joint angles, rad, and 0 elsewhere, the root as in the body file."""
         return self.body.posture(angles)
 
     def frame(self, name: str) -> Frame:
-        """Return a frame of the profile, on the body."""
+        """Frame of the profile, on the body."""
         entry = self.profile.frames[name]
         return Frame(name, self.body.body_index(entry.link), np.array(entry.pos), np.array(entry.quat))
 
     def points(self, q: FloatArray, frames: tuple[str, ...]) -> FloatArray:
-        """Return world positions (T, k, 3) m of frames of the profile, for postures (T, nq)."""
+        """World positions (T, k, 3) m of frames of the profile, for postures (T, nq)."""
         places = [self.frame(name) for name in frames]
         local = np.array([place.position for place in places]).reshape(-1, 3)
         return self.kinematics.points(np.ascontiguousarray(q), [place.body for place in places], local)
 
     def orientations(self, q: FloatArray, frames: tuple[str, ...]) -> FloatArray:
-        """Return world orientations (T, k, 4) wxyz of frames of the profile, for postures (T, nq)."""
+        """World orientations (T, k, 4) wxyz of frames of the profile, for postures (T, nq)."""
         places = [self.frame(name) for name in frames]
         links = self.kinematics.orientations(np.ascontiguousarray(q), [place.body for place in places])
         return multiply(links, np.array([place.quat for place in places]).reshape(-1, 4))
 
     def landmark_frames(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the frames of landmarks."""
+        """Frames of landmarks."""
         return tuple(self.profile.landmarks[name].frame for name in names)
 
 
@@ -189,7 +189,7 @@ def robot_of(
     root: Mounting | None = None,
     body: BodyModel | None = None,
 ) -> RobotBody:
-    """Return the robot of a profile, with this calibration. root: replaces the profile's. body: of the profile, if it
+    """Robot of a profile, with this calibration. root: replaces the profile's. body: of the profile, if it
     is loaded. Raises InputError, HardwareError."""
     floats = root == "floating"
     if root is not None:
@@ -203,7 +203,7 @@ def robot_of(
 
 
 def joints_between(robot: RobotBody, frame: str, others: Iterable[str]) -> BoolArray:
-    """Return a mask (n,) of the servos between the link of `frame` and those of `others`; all of them without any joint
+    """Mask (n,) of the servos between the link of `frame` and those of `others`; all of them without any joint
     between."""
     body = robot.body
     start, between = robot.frame(frame).body, set[int]()
@@ -218,7 +218,7 @@ RANGE_TOLERANCE = 1e-4  # [rad] profiles write limits with four or five decimals
 
 
 def leaves_folder(path: str) -> bool:
-    """Return True for a path out of its folder: files of others must not name such paths."""
+    """True for a path out of its folder: files of others must not name such paths."""
     inside = Path(normpath(path))
     return inside.is_absolute() or inside.parts[:1] == ("..",)
 

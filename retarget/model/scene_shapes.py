@@ -44,12 +44,12 @@ class SceneShapes:
     ground: NDArray[np.bool_]
 
     def with_margin(self, margin: float | None) -> "SceneShapes":
-        """Return the shapes with another margin, m; None: their own."""
+        """Shapes with another margin, m; None: their own."""
         return self if margin is None else replace(self, margin=np.full_like(self.margin, margin))
 
 
 def mujoco_geom(kind: ShapeKind, sizes: FloatArray, *, thinnest: float) -> tuple[Any, FloatArray]:
-    """Return MuJoCo's type and size of a canonical shape with sizes (3,) m, at least `thinnest` m thick."""
+    """MuJoCo's type and size of a canonical shape with sizes (3,) m, at least `thinnest` m thick."""
     types = engine().mjtGeom
     if kind is ShapeKind.CAPSULE and sizes[1] == 0.0:
         return types.mjGEOM_SPHERE, np.maximum(sizes, thinnest)
@@ -64,7 +64,7 @@ def mujoco_geom(kind: ShapeKind, sizes: FloatArray, *, thinnest: float) -> tuple
 
 
 def scene_shapes(scene: Scene) -> SceneShapes:
-    """Return the shapes of a scene."""
+    """Shapes of a scene."""
     obstacles = scene.obstacles.values()
     shapes = [canonical(obstacle.shape) for obstacle in obstacles]
     return SceneShapes(
@@ -78,7 +78,7 @@ def scene_shapes(scene: Scene) -> SceneShapes:
 
 
 def canonical(shape: SolidShape) -> tuple[ShapeKind, Vector, Pose]:
-    """Return kind, sizes (3,) m, and T_obstacle_shape of the canonical frame in the obstacle's own, or on its link."""
+    """Kind, sizes (3,) m, and T_obstacle_shape of the canonical frame in the obstacle's own, or on its link."""
     if shape.segment is not None:
         return ShapeKind.CAPSULE, (0.0, _half(shape.segment), 0.0), _along(shape.segment)
     if shape.capsule is not None:

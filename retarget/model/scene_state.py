@@ -33,7 +33,7 @@ class ObstacleMotion:
         return any(not _rests(piece) for piece in self.pieces)
 
     def at(self, time: float) -> MovingPose:
-        """Return pose and velocities at a time, s; the later ones at a jump."""
+        """Pose and velocities at a time, s; the later ones at a jump."""
         first, last = self.times[0], self.times[-1]
         if time < first:
             return MovingPose(self.pieces[0].pose)
@@ -47,7 +47,7 @@ class ObstacleMotion:
 
 
 def motion_of(obstacle: Obstacle) -> ObstacleMotion:
-    """Return the motion of an obstacle by its file."""
+    """Motion of an obstacle by its file."""
     if obstacle.path is not None:
         poses = [Pose(point.pos, unit(point.quat)) for point in obstacle.path]
         times = tuple(point.time for point in obstacle.path)
@@ -151,13 +151,13 @@ class LivePose:
         self._held = None
 
     def at(self, time: float) -> MovingPose | None:
-        """Return the last valid pose (m, wxyz) with its velocities, at rest after VELOCITY_HOLDS; None before the
+        """Last valid pose (m, wxyz) with its velocities, at rest after VELOCITY_HOLDS; None before the
         first."""
         held = self._held
         return None if held is None else held.motion.at(max(time, held.last.time))
 
     def age(self, now: float) -> float:
-        """Return the age of the last valid pose, s; infinite before the first."""
+        """Age of the last valid pose, s; infinite before the first."""
         held = self._held
         return inf if held is None else max(0.0, now - held.last.time)
 
@@ -249,7 +249,7 @@ class SceneState:
             _write(self._rows[row], track.at(0.0))
 
     def at(self, time: float) -> ObstaclePoses:
-        """Return poses and velocities at a time, s."""
+        """Poses and velocities at a time, s."""
         rows = self._rows.copy()
         for row, track in zip(rows, self._tracks.values(), strict=True):
             if track.moves or track.live.age(time) < np.inf:
@@ -263,13 +263,13 @@ class SceneState:
             track.live.restart()
 
     def at_rest(self, time: float) -> ObstaclePoses:
-        """Return poses at a time, s, with zero velocities."""
+        """Poses at a time, s, with zero velocities."""
         poses = self.at(time)
         still = np.zeros_like(poses.linear_velocity)
         return ObstaclePoses(poses.position, poses.quat, still, still)
 
     def live(self, name: str) -> LivePose:
-        """Return the live pose of an obstacle, which replaces the file's motion from its first valid update on.
+        """Live pose of an obstacle, which replaces the file's motion from its first valid update on.
 
         It is that of the obstacle's own frame, in the frame that it names. Raises UsageError for an unknown name.
         """
@@ -291,11 +291,11 @@ def _write(row: FloatArray, moving: MovingPose) -> None:
 
 
 def obstacle_meshes(shapes: SceneShapes) -> list[Mesh]:
-    """Return the obstacles of a scene without the floor, each in its own frame."""
+    """Obstacles of a scene without the floor, each in its own frame."""
     solid = zip(shapes.names, shapes.kinds, shapes.sizes, strict=True)
     return [shape_mesh(int(kind), size) for name, kind, size in solid if name != FLOOR]
 
 
 def obstacle_poses(shapes: SceneShapes, poses: ObstaclePoses) -> FloatArray:
-    """Return their poses (o, 7): position, m, and quaternion."""
+    """Their poses (o, 7): position, m, and quaternion."""
     return np.column_stack([poses.position, poses.quat])[[name != FLOOR for name in shapes.names]]

@@ -36,7 +36,7 @@ CREASE = np.cos(np.radians(50.0))
 
 
 def thinned(triangles: FloatArray, most: int) -> FloatArray:
-    """Return about `most` triangles at most of triangles (t, 3, 3) m."""
+    """About `most` triangles at most of triangles (t, 3, 3) m."""
     if len(triangles) <= most:
         return triangles
     low = triangles.reshape(-1, 3).min(axis=0)
@@ -197,7 +197,7 @@ def _turning(points: FloatArray, faces: IntArray, edges: IntArray, target: Float
 
 
 def creased(triangles: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return vertices (v, 3) and faces (f, 3) of triangles (t, 3, 3) m, with vertices shared on round surfaces, but not
+    """Vertices (v, 3) and faces (f, 3) of triangles (t, 3, 3) m, with vertices shared on round surfaces, but not
     at sharp edges."""
     corners = triangles.reshape(-1, 3)
     _, place = np.unique(corners, axis=0, return_inverse=True)

@@ -1,14 +1,10 @@
 """Arm branches: moves an arm out of a branch of postures in which it cannot look like the performer's.
 
-An arm may have several postures with nearly the same lines, as with its shoulder turned half round in all joints. The
-path between them passes through worse postures, so the solver, which improves from tick to tick, stays in its branch up
-to the limits of joints.
-
-A descent tells a wrong branch from a lag. It has the same limb tasks, observers and position limits, but no speed
-limits, and starts from the present posture. The branch is wrong if it ends far from the desired lines, and a descent
-from elsewhere ends much nearer. The arm is then driven to the better posture in joint space, without its limb tasks,
-but only while the performer's arm is still. An arm that deviates meanwhile would bend the trunk, which gets more
-weight.
+An arm may have several postures with nearly the same lines, and the path between them passes through worse ones, so the
+solver stays in its branch. A descent from the present posture, without speed limits, distinguishes this from a lag: the
+branch is wrong if it ends far from the desired lines and one from elsewhere ends much nearer. The arm is then driven
+there in joint space while the performer's arm is still. A deviating arm would bend the trunk, which gets more weight
+meanwhile.
 """
 
 from collections.abc import Callable, Container, Mapping, Sequence
@@ -31,41 +27,38 @@ from retarget.types import FloatArray
 PARTS = ("hand", "upper_arm", "forearm")
 """Landmarks of each side whose lines are an arm."""
 SPREAD = 2_000
-"""Random postures of an arm: 8 to 25 degrees apart for three to five joints."""
+"""Number of random postures of an arm."""
 STARTS = 6
-"""Number of these, the most alike, from which descents start."""
+"""Number of these from which descents start."""
 ITERATIONS = 40
-"""Iterations of a descent, of at most 0.05 m of a limb's line each: a limb can turn half round."""
+"""Iterations of a descent: a limb can turn half round."""
 DAMPING = 0.5
-"""Damping of the solver, as for two iterations a frame."""
+"""Damping as for two iterations a frame."""
 CAUGHT = 0.26
-"""A branch is wrong that ends farther from the desired lines, and farther than another by as much, rad."""
+"""Least deviation of a wrong branch, and least improvement, rad."""
 ARRIVED = 0.09
-"""Descents in the same branch end as far from the desired lines, to this angle, rad."""
+"""Greatest difference of descents in one branch, rad."""
 UNLIKE_S, CHECK_S = 1.0, 0.05
-"""Time for which an arm deviates before its branch is checked, as a jump by 2 rad takes no longer; time between checks,
-s."""
+"""Time of deviation before a check, longer than a jump by 2 rad takes, and between checks, s."""
 STRAY_S, TRUNK_RISE_S, TRUNK_WEIGHT = 0.3, 0.3, 2.0
-"""Time after which a deviation is no lag, and time in which the trunk's weight rises then, s; and its greatest
-weight."""
+"""Time after which a deviation is no lag, rise time of the trunk's weight, s, and its greatest weight."""
 TRUNK_TASKS = ((SlotKind.LIMB, TRUNK), (SlotKind.ORIENTATION, TRUNK), (SlotKind.POSITION, PELVIS))
 """Line, twist and place of the trunk."""
 STILL_ARM = 0.35
-"""Movement up to which a performer's arm is still, rad."""
+"""Greatest movement of a still arm of the performer, rad."""
 SECOND_COSTS = 0.3
-"""A branch that is a second nearer may be as much worse, rad/s."""
+"""Deviation that outweighs a second of path, rad/s."""
 DRIVE_SPEED, DRIVE_RISE_S, DRIVE_JERK_S = 0.35, 0.3, 0.04
-"""Speed at which an arm is driven, relative to its servos'; times of its acceleration and jerk, s. Faster arms tip
-light robots."""
+"""Speed relative to the servos', and times of acceleration and jerk, s. Faster arms tip light robots."""
 LONGEST_DRIVE_S = 3.0
-"""An arm that has not arrived by then is blocked, s."""
+"""Time after which a driven arm counts as blocked, s."""
 
 
 class ArmBranches:
     """Drives the arms of one robot out of wrong branches."""
 
     def __init__(self, robot: RobotBody, priorities: Priorities, stance: Stance, build: Build) -> None:
-        """build: of a hierarchy with ITERATIONS and without speed limits. priorities: have the limb tasks."""
+        """build: of a hierarchy with ITERATIONS and without speed limits."""
         tasks = [task for level in priorities.levels for task in level.tasks if isinstance(task, LimbTask)]
         weights = {name: task.weight for task in tasks for name in task.of if name in limb_names(robot.profile)}
         sides = [{name: weights[name] for part in PARTS if (name := f"{side}_{part}") in weights} for side in "lr"]
@@ -98,9 +91,9 @@ class ArmBranches:
         reached: Reached,
         speed_override: float,
     ) -> bool:
-        """Set the targets for a tick of `dt` s from posture q (nq,). Returns True if an arm is driven.
+        """Set the targets for a tick of `dt` s from posture q (nq,); True if an arm is driven.
 
-        limbs: desired lines, m, as in `limb_names`, which are set already. speed_override: (0, 1], share of all speeds.
+        limbs: desired lines, m, see `limb_names`, which are set already. speed_override: (0, 1], share of all speeds.
         """
         hierarchy.reset_posture(targets)
         driven = [arm for arm in self._arms if arm.look(q, dt, speed_override, limbs=limbs, reached=reached)]
@@ -119,12 +112,10 @@ class _Arm:
         self.restart()
 
     def restart(self) -> None:
-        """Drive it no longer, in a new performance."""
         self._stray_s = 0.0
         self.release()
 
     def release(self) -> None:
-        """Drive it no longer, and start its checks again."""
         self._goal: FloatArray | None = None
         self._moves: TrajectoryGenerator | None = None
         self._seen_at: FloatArray | None = None
@@ -142,7 +133,7 @@ class _Arm:
     def look(
         self, q: FloatArray, dt: float, speed_override: float, *, limbs: Sequence[Vector], reached: Reached
     ) -> bool:
-        """Return True if the arm is driven in the next tick."""
+        """True if the arm is driven in the next tick."""
         passed = speed_override * dt  # a slower arm has longer times
         self._looked_s += passed
         self._driven.step(passed, holds=self._moves is not None)
@@ -155,7 +146,6 @@ class _Arm:
         return self._moves is not None
 
     def _judge(self, desired: FloatArray, lines: FloatArray, passed: float) -> None:
-        """Measure for how long lines (k, 3) m have deviated, `passed` s after the last time."""
         if self._seen_at is None or self._descent.unlike(desired, self._seen_at) > STILL_ARM:
             self._seen_at, self._unlike.held = desired, 0.0
         unlike = self._descent.unlike(lines, desired) > CAUGHT
@@ -166,14 +156,12 @@ class _Arm:
             self._seen_at, self._unlike.held = desired, -inf  # not again until the performer's arm has moved
 
     def drive(self, hierarchy: Hierarchy, targets: FloatArray, speed_override: float) -> None:
-        """Set the targets of a driven arm: no limb tasks, and its joints on their trajectory."""
         assert self._moves is not None and self._goal is not None, "the arm is driven"
         for name in self._descent.names:
             hierarchy.weigh(targets, SlotKind.LIMB, name, 0.0)
         hierarchy.set_joints(targets, self._servos, self._moves.step(self._goal, speed_override))
 
     def _choose(self, q: FloatArray, desired: FloatArray, trunk: Quat, dt: float) -> None:
-        """Choose the goal of the arm if its branch is wrong."""
         here, _ = self._descent.end(q, desired)
         if self._goal is not None:
             goal = q.copy()
@@ -192,12 +180,11 @@ class _Arm:
 
 
 class _Descent:
-    """Descents of one arm, from its posture and from random ones."""
+    """Descents of one arm."""
 
     def __init__(
         self, robot: RobotBody, priorities: Priorities, stance: Stance, weights: Mapping[str, float], build: Build
     ) -> None:
-        """weights: of its limbs, by name."""
         self.names = list(weights)
         marks, body = [robot.profile.landmarks[name] for name in self.names], robot.body
         self.rows = [limb_names(robot.profile).index(name) for name in self.names]
@@ -213,25 +200,25 @@ class _Descent:
         servos = np.isin(robot.servo_columns, self._columns)
         self.servos, self.speed = robot.servo_columns[servos], DRIVE_SPEED * robot.joint_map.max_velocity[servos]
         """Columns of its servos in q, and their speeds when driven, rad/s."""
-        # With this scale the norm of all lines is the weighted root mean square of their angles.
+        # The norm of all lines is then the weighted root mean square of their angles.
         share = np.array(list(weights.values()))
         self._scale = (share / norm(share) / [mark.robot_length for mark in marks])[:, None]
         self._spread = arm_postures(robot, stance, self.names[0], SPREAD)
         self._seen = self._scale * self._lines(self._spread)
 
     def unlike(self, lines: FloatArray, desired: FloatArray) -> float:
-        """Deviation of lines (k, 3) m from the desired ones, rad."""
+        """Deviation of lines (k, 3) m, rad."""
         return norm((self._scale * (lines - desired)).ravel())
 
     def end(self, q: FloatArray, desired: FloatArray) -> tuple[float, FloatArray]:
-        """Deviation, rad, and posture (nq,) at the end of a descent from posture q (nq,)."""
+        """Deviation, rad, and posture (nq,) at the end of a descent."""
         self._targets[self._slots] = np.column_stack([np.ones(len(desired)), desired])[self._source]
         self._solver.reset(q)
         end = self._solver.frame(self._targets, 1.0)
         return self.unlike(self._lines(end[None])[0], desired), end
 
     def better(self, q: FloatArray, desired: FloatArray, trunk: Quat, *, than: float) -> FloatArray | None:
-        """A posture (nq,) in another branch whose deviation is less than `than` by CAUGHT, rad; None: there is none."""
+        """Posture (nq,) in a branch that is better than `than` by CAUGHT, rad; None: there is none."""
         seen = self._scale * as_carried(trunk, desired)
         better = []
         unlike = np.square(self._seen - seen).sum(axis=(1, 2))
@@ -246,7 +233,7 @@ class _Descent:
 
 
 def arm_priorities(priorities: Priorities, limbs: Container[str]) -> Priorities:
-    """The priorities of an arm with these limbs by itself: no self-collisions, and its limb tasks."""
+    """Priorities of an arm by itself: no self-collisions, and its limb tasks."""
 
     def kept(task: Task) -> Task | None:
         if isinstance(task, LimbTask):
@@ -260,13 +247,13 @@ def arm_priorities(priorities: Priorities, limbs: Container[str]) -> Priorities:
 
 
 def as_carried(trunk: Quat, lines: FloatArray) -> FloatArray:
-    """Lines (k, 3) in the frame of a trunk that is turned by `trunk`, wxyz, from the stance."""
+    """Lines (k, 3) in the frame of a trunk turned by `trunk`, wxyz."""
     back = inverse(trunk)
     return np.array([rotated(back, as_vector(line)) for line in lines])
 
 
 def position_limits(robot: RobotBody) -> tuple[FloatArray, FloatArray]:
-    """Limits (nv,) of the DoFs, rad or m: the servos', where there are any."""
+    """Limits (nv,) of the DoFs, rad or m: the servos' where there are any."""
     body = robot.body
     lower, upper = body.lower.copy(), body.upper.copy()
     dofs = [body.dof_index(joint) for joint in robot.joint_map.joints]
@@ -275,7 +262,7 @@ def position_limits(robot: RobotBody) -> tuple[FloatArray, FloatArray]:
 
 
 def arm_postures(robot: RobotBody, stance: Stance, landmark: str, count: int) -> FloatArray:
-    """Random postures (count, nq) of a landmark's limb within its limits, the rest in the stance."""
+    """Random postures (count, nq) of a landmark's limb, the rest in the stance."""
     body, moving = robot.body, robot.body.joint_dof[list(chain_to_anchor(robot, landmark))]
     (lower, upper), (_, columns) = position_limits(robot), body.scalar_joints()
     postures = np.tile(stance.q, (count, 1))
@@ -285,7 +272,7 @@ def arm_postures(robot: RobotBody, stance: Stance, landmark: str, count: int) ->
 
 
 def chain_to_anchor(robot: RobotBody, landmark: str) -> tuple[int, ...]:
-    """Joints from a landmark's frame to the link of its first anchor, or to the root."""
+    """Joints from a landmark's frame to the link of its anchor, or to the root."""
     entry, body = robot.profile.landmarks[landmark], robot.body
     base = robot.frame(entry.anchor[0]).body
     links = takewhile(lambda link: link != base, body.chain_to_root(robot.frame(entry.frame).body))

@@ -1,14 +1,14 @@
 """Balance of a robot on its soles: bounds for its centre of mass, and for the torques of its legs.
 
 At rest a robot stands while its centre of mass c is over the support polygon. In motion, as a point mass at height z,
-it stands while its zero-moment point p is inside (M. Vukobratovic and B. Borovac, Int. J. Humanoid Robotics 1(1),
-2004), and it can stop while its capture point xi is (J. Pratt et al., Humanoids 2006):
+it stands while its zero-moment point p is inside (Vukobratovic and Borovac, Int. J. Humanoid Robotics 1(1), 2004), and
+can stop while its capture point xi is (Pratt et al., Humanoids 2006):
 
-    p  = c - z / (g + z'') c''                      n . p <= d for every edge (n, d) of the polygon
-    xi = c + c' / omega,  omega^2 = g / z           n . xi <= d;   xi' = omega (xi - p)
+    p  = c - z / (g + z'') c''                n . p <= d for every edge (n, d)
+    xi = c + c' / omega, omega^2 = g / z      n . xi <= d
 
-Both are half-spaces for the centre of mass after the tick. The polygon of p is larger, or a mass at rest at an edge
-could not be moved inward. A capture point outside returns by p = xi + (xi - d) n: its distance falls as exp(-omega t).
+Both are half-spaces for the centre of mass after the tick. With p = xi + (xi - d) n, a capture point outside returns as
+exp(-omega t).
 """
 
 from dataclasses import dataclass
@@ -30,14 +30,11 @@ from retarget.schema.priorities import CentreOfMassTask, Priorities, StrengthTas
 from retarget.types import FloatArray
 
 HEAVE = 1.5
-"""Greatest vertical acceleration of the centre of mass, m/s^2: keeps the load on the soles within a sixth of the
-weight. A lighter sole slides, and a heavier one tilts."""
+"""Greatest vertical acceleration of the centre of mass, m/s^2, as soles slide under less weight and tilt under more."""
 LARGER = 1.2
-"""Size of the zero-moment point's polygon relative to the capture point's. With a larger one a mass leaves an edge
-sooner, and soles slip more."""
+"""Size of the zero-moment point's polygon relative to the capture point's: a larger one lets soles slip."""
 SPARE = 0.5
-"""Tolerance of a returning capture point's zero-moment point, as a share of the distance outside. Less makes soles slip
-more."""
+"""Tolerance of the zero-moment point that returns a capture point, relative to the distance outside."""
 
 Edges = list[list[float]]
 Row = tuple[float, float, float, float]
@@ -45,8 +42,7 @@ Row = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Room:
-    """Edges for the capture point and the zero-moment point of a mass in motion; outer: edges for the zero-moment point
-    while the capture point is outside."""
+    """Edges for capture point and zero-moment point; outer: for the latter while the former is outside."""
 
     capture_point: Edges
     zero_moment_point: Edges
@@ -54,19 +50,26 @@ class Room:
 
 
 class StandingBalance:
-    """The half-spaces of the `support` tasks for a robot in a stance. edges (e, 3): of the support polygon, drawn in by
-    the tasks' margin."""
+    """Half-spaces of the `support` tasks. edges (e, 3): of the support polygon, drawn in by their margin."""
 
     def __init__(self, priorities: Priorities, stance: Stance) -> None:
         self.edges = stance.edges(max((task.margin for task in support_tasks(priorities)), default=0.0))
         self._drawn_in: Edges = self.edges.tolist()
         share = moving_share(priorities)
-        self._room = None if share is None else room_of(self.edges, share, stance)
+        self._room = None
+        if share is not None:  # polygons about the middle of the soles, the larger at most as large as the support
+            middle = np.concatenate([sole.outline for sole in stance.soles]).mean(axis=0)
+            at, largest = matmul(self.edges[:, :2], middle), min(LARGER * share, 1.0)
+            captured, pressed = (
+                np.column_stack([self.edges[:, :2], at + size * (self.edges[:, 2] - at)]).tolist()
+                for size in (largest / LARGER, largest)
+            )
+            self._room = Room(captured, pressed, self.edges.tolist())
 
     def spaces(self, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
-        """Half-spaces (k, 4) for the centre of mass after the next `dt` s, now at com (3,) m with velocity (3,) m/s."""
+        """Half-spaces (k, 4) for the centre of mass after `dt` s, now at com (3,) m with velocity (3,) m/s."""
         if self._room is None:
-            # The centre of mass keeps the distance in which MASS_BRAKING stops it before an edge.
+            # MASS_BRAKING can stop the centre of mass before an edge.
             x, y, _ = com.tolist()
             change, drawn = MASS_BRAKING * dt * dt, []
             for nx, ny, offset in self._drawn_in:
@@ -77,37 +80,25 @@ class StandingBalance:
 
 
 def support_tasks(priorities: Priorities) -> list[CentreOfMassTask]:
-    """The tasks that keep the centre of mass over the soles."""
+    """Tasks that keep the centre of mass over the soles."""
     return [task for _, _, task in priorities.tasks() if isinstance(task, CentreOfMassTask)]
 
 
 def moving_share(priorities: Priorities) -> float | None:
-    """Share of the support polygon for a mass in motion; None: priorities balance it as if at rest."""
+    """Share of the support polygon for a mass in motion; None: balance as if at rest."""
     return min((task.moving for task in support_tasks(priorities) if task.moving is not None), default=None)
-
-
-def room_of(edges: FloatArray, share: float, stance: Stance) -> Room:
-    """The room of a mass in a support polygon (e, 3), for a share of it about the middle of the soles."""
-    middle = np.concatenate([sole.outline for sole in stance.soles]).mean(axis=0)
-    at = matmul(edges[:, :2], middle)
-    largest = min(LARGER * share, 1.0)
-    captured, pressed = (
-        np.column_stack([edges[:, :2], at + size * (edges[:, 2] - at)]).tolist() for size in (largest / LARGER, largest)
-    )
-    return Room(captured, pressed, edges.tolist())
 
 
 def moving_spaces(room: Room, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
     """Half-spaces (k, 4), n . c <= d in m, that keep capture point and zero-moment point in their room."""
     x, y, z = com.tolist()
     vx, vy, vz = velocity.tolist()
-    # Capture point and zero-moment point are linear in the centre of mass after this tick.
     settle = sqrt(z / GRAVITY) / dt  # 1 / (omega dt)
     capture = (x + settle * dt * vx, y + settle * dt * vy)
     push = _pushed_back(room, capture)
 
     def captured(nx: float, ny: float, offset: float) -> Row:
-        # n . (c + (c - c_now) / (omega dt)) <= d; a point outside returns at the speed that the push allows
+        # n . (c + (c - c_now) / (omega dt)) <= d, or as the push allows
         at, speed = nx * x + ny * y, nx * vx + ny * vy
         inside = (offset + settle * at) / (1.0 + settle)
         if push is not None and nx * capture[0] + ny * capture[1] > offset:
@@ -118,7 +109,7 @@ def moving_spaces(room: Room, com: FloatArray, velocity: FloatArray, dt: float) 
         at, speed = nx * x + ny * y, nx * vx + ny * vy
         if push is not None:
             offset = max(offset, nx * push[0] + ny * push[1] + push[2])
-        # (n.c - d)(g + z'') <= z n.c'', times dt^2 / z, with n.c and z as they are now
+        # (n.c - d)(g + z'') <= z n.c'', times dt^2 / z
         lever = (at - offset) / z
         return -nx, -ny, lever, lever * (z + vz * dt - GRAVITY * dt * dt) - at - speed * dt
 
@@ -129,13 +120,12 @@ def moving_spaces(room: Room, com: FloatArray, velocity: FloatArray, dt: float) 
 
 
 def _pushed_back(room: Room, capture: tuple[float, float]) -> tuple[float, float, float] | None:
-    """Zero-moment point (x, y) m that brings a capture point back inside, and its tolerance, m; None: it is inside."""
+    """Zero-moment point (x, y) m that returns a capture point, and its tolerance, m; None: it is inside."""
     x, y = capture
     beyond, nx, ny = max((ex * x + ey * y - offset, ex, ey) for ex, ey, offset in room.capture_point)
     if beyond <= 0.0:
         return None
     reach = beyond
-    # The zero-moment point stays inside every outer edge.
     for ex, ey, offset in room.outer:
         along = ex * nx + ey * ny
         if along > 0.0:
@@ -143,30 +133,27 @@ def _pushed_back(room: Room, capture: tuple[float, float]) -> tuple[float, float
     return x + reach * nx, y + reach * ny, SPARE * reach
 
 
-# Standing strength: limits for the continuous torques of the legs. Joint j of a leg at o with axis a carries the force
-# of the ground on its sole, at p:
+# Torque limits. Joint j of a leg, at o with axis a, carries the force on its sole at p:
 #
 #     torque = A - share W u . (p - o),    W = m (g + z''),    u = (-a_y, a_x)
 #
-# with A from the leg's own weight, which changes slowly. At rest p and the share of the weight follow from the centre
-# of mass between both soles, so a torque limit is a half-space for centre of mass and joint together.
+# A is of the leg's own weight. At rest p and share follow from the centre of mass, so a limit is a half-space for it
+# and o.
 
 STANDING_SPARE = 1.1
 """A joint may always carry this multiple of its torque in `stand`."""
 WATCHED = 0.5
-"""Share of its greatest torque above which a joint is limited."""
+"""Share of its limit above which a torque is bounded."""
 STRENGTH_BRAKING = 0.5
-"""Deceleration, m/s^2, of the centre of mass or a joint before a torque limit."""
+"""Deceleration before a torque limit, m/s^2."""
 BACK = 0.5
-"""Acceleration, m/s^2, that brings an overloaded joint back to its limit. Legs and balance could not follow a larger
-one, so arms would be moved towards the body instead."""
+"""Acceleration of an overloaded joint's return, m/s^2, which legs and balance can follow."""
 
 _FREE = np.zeros((0, 7))
-"""Half-spaces (0, 7): no limit."""
 
 
 class StandingStrength:
-    """The torque limits of a robot's legs on two soles, at a share of the stall torque."""
+    """Torque limits of a robot's legs on two soles, at a share of the stall torque."""
 
     def __init__(self, robot: RobotBody, stance: Stance, *, share: float) -> None:
         body = robot.body
@@ -190,7 +177,7 @@ class StandingStrength:
         """Greatest continuous torques (k,), N m."""
 
     def torques(self, q: FloatArray) -> FloatArray:
-        """Torques (k,) of the joints at rest in posture q (nq,), N m."""
+        """Torques (k,) at rest in posture q (nq,), N m."""
         return np.asarray(self._load.torques(q, np.zeros(3))[self.dofs])
 
     def aim(
@@ -203,19 +190,18 @@ class StandingStrength:
         *,
         keeps: bool = True,
     ) -> None:
-        """Write the half-spaces of the next `dt` s for posture q (nq,) with centre of mass com (3,) m. keeps: False
-        removes all limits, for one leg."""
+        """Write the half-spaces of the next `dt` s. q: (nq,); com: (3,) m. keeps: False removes all limits, as for one
+        leg."""
         spaces = self.spaces(q, com, dt) if keeps else [_FREE] * len(self.names)
         for name, edges in zip(self.names, spaces, strict=True):
             hierarchy.set_strength(targets, name, edges)
 
     def spaces(self, q: FloatArray, com: FloatArray, dt: float) -> list[FloatArray]:
-        """Half-spaces (0 or 1, 7) of each joint, n . c + m . o <= d for the centre of mass c and the joint's place o
-        after the next `dt` s; none for a small torque."""
+        """Half-spaces (0 or 1, 7) of each joint, n . c + m . o <= d after `dt` s; none for a small torque."""
         torque = self.torques(q)
         used = np.abs(torque) / self.most
         by_com, by_joint, places = self._gradients(q, com)
-        lever = 2.0 / self._weight  # [m per N m], as each leg carries half of the weight
+        lever = 2.0 / self._weight  # [m per N m] for half of the weight
         spaces = [_FREE] * len(self.names)
         for k in np.flatnonzero(used > WATCHED).tolist():
             sign = 1.0 if torque[k] > 0.0 else -1.0
@@ -226,7 +212,7 @@ class StandingStrength:
         return spaces
 
     def _gradients(self, q: FloatArray, com: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Gradients (k, 2) N of the torques by centre of mass and by the joints' places, and these places (k, 3) m."""
+        """Gradients (k, 2) N of torques by centre of mass and by joints' places, and these places (k, 3) m."""
         places, turns, _ = self._probe.read(q)
         axes = rotations.rotate(turns, self._axis)
         u = np.column_stack([-axes[:, 1], axes[:, 0]])
@@ -245,7 +231,7 @@ class StandingStrength:
 
 
 def leg_joints(robot: RobotBody) -> dict[str, tuple[int, Frame]]:
-    """Joints between the root and a single sole: name -> number of the foot, and the joint's frame on its link."""
+    """Joints between the root and a single sole: name -> number of the foot, and frame on the link."""
     body = robot.body
     chains = [body.chain_to_root(robot.frame(foot.frame).body) for foot in robot.profile.feet.values()]
     found = {}
@@ -260,32 +246,29 @@ def leg_joints(robot: RobotBody) -> dict[str, tuple[int, Frame]]:
 
 
 def carrying_frames(robot: RobotBody) -> dict[str, Frame]:
-    """The frames of `leg_joints` by the names that tasks use."""
+    """Frames of `leg_joints` by the names in tasks."""
     return {CARRIES + name: frame for name, (_, frame) in leg_joints(robot).items()}
 
 
 def standing_strength(robot: RobotBody, priorities: Priorities, stance: Stance) -> StandingStrength | None:
-    """The torque limits of the `strength` tasks; None without them or without two soles."""
+    """Limits of the `strength` tasks; None without them or without two soles."""
     shares = [task.share for _, _, task in priorities.tasks() if isinstance(task, StrengthTask)]
     if not shares or len(stance.soles) != 2:
         return None
     return StandingStrength(robot, stance, share=min(shares))
 
 
-# Loads of a robot's legs at rest, relative to their stall torques.
-
 ENOUGH = 0.65
-"""Share of its stall torque that a servo may need at rest, as it must also move the robot from there."""
+"""Share of the stall torque that a servo may need at rest, as it must also move the robot from there."""
 FROM_STAND = 1e-4
-"""Weight of a radian away from `stand`, relative to a metre of a misplaced sole or mass."""
+"""Weight of a radian away from `stand`, relative to a metre of error."""
 FREE_ROOT = 3
 """Coordinates of the root that the fit may change: its position."""
 
 
 @dataclass(frozen=True)
 class PostureLoad:
-    """Torque of the most loaded joint in a posture at rest, and its servo's stall torque, N m. posture: `in stand`, `on
-    one leg`."""
+    """Greatest torque in a posture at rest, and its servo's stall torque, N m."""
 
     posture: str
     joint: str
@@ -302,7 +285,7 @@ class PostureLoad:
 
 
 def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
-    """The heaviest loads of the legs in `stand`, in `rest` and on one leg; empty without two soles."""
+    """Heaviest loads of the legs in `stand`, in `rest` and on one leg; empty without two soles."""
     stance = plant(robot, robot.profile.postures.stand)
     if len(stance.soles) != 2:
         return []
@@ -313,8 +296,8 @@ def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
 
 
 def on_one_leg(robot: RobotBody) -> tuple[PostureLoad, float]:
-    """The heavier load of both legs, each with the centre of mass over its sole; and the distance, m, from there that
-    remains while both soles are flat, for lack of joints that roll."""
+    """The heavier load of both legs, each under the centre of mass; and the distance, m, that the mass stays off, for
+    lack of joints that roll."""
     stance = plant(robot, robot.profile.postures.stand)
     keeps, loads, missed = StandingStrength(robot, stance, share=1.0), [], 0.0
     for sole in stance.soles:
@@ -332,8 +315,8 @@ def _heaviest(keeps: StandingStrength, posture: str, torque: FloatArray) -> Post
 
 
 def _over(robot: RobotBody, joints: tuple[str, ...], stance: Stance, alone: Stance) -> tuple[FloatArray, float]:
-    """The posture (nq,) nearest to `stand` with both soles flat and the centre of mass over the sole of `alone`; and
-    the largest error of corners and mass, m."""
+    """Posture (nq,) nearest to `stand` with flat soles and the centre of mass over that of `alone`; and its error,
+    m."""
     body, solver = robot.body, robot.body.solver_body()
     columns = body.joint_qpos[[body.joint_index(joint) for joint in joints]]
     dofs = [body.dof_index(joint) for joint in joints]

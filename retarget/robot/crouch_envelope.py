@@ -1,8 +1,8 @@
 """Crouch envelope: how low a robot on both soles can crouch, and how far it can lean at each height.
 
-Most servo humanoids do not fold at the hips as a human does, so desired places of pelvis and trunk are limited to what
-the robot can hold. The envelope depends on the robot alone, and is measured once by the solver: heights of an upright
-trunk with its observers, and leans without them, as the clearance of a lean depends on the place of the pelvis.
+Most servo humanoids do not fold at the hips as a human does, so pelvis and trunk are limited to what the robot can
+hold. The solver measures heights of an upright trunk with observers, and leans without them, as their clearance depends
+on the place of the pelvis.
 """
 
 from dataclasses import dataclass, field
@@ -25,24 +25,24 @@ AHEAD = (1.0, 0.0)
 DIRECTIONS = (AHEAD, (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 """Forward, left, back, right."""
 STEP_M, LAST_STEP_M, STEP_RAD = 0.005, 0.001, 0.05
-"""Steps of the search: each posture is found from one close by. The last heights need smaller ones, as a millimetre of
-a leg that is nearly straight is 8 degrees of its knee."""
+"""Steps of the search, m and rad: smaller ones at last, as a millimetre of a nearly straight leg is 8 degrees of its
+knee."""
 MISSED_M, MISSED_RAD = 0.001, 0.02
-"""Errors from which a posture counts as out of reach."""
+"""Errors of a posture out of reach."""
 FARTHEST_M, FARTHEST_RAD = 1.0, 1.4
-"""Greatest change of height and greatest lean that are tried."""
+"""Greatest change of height and lean."""
 END_SHARE = 0.05
-"""Share of crouch and lean that is left out, as a leg cannot brake at its very end."""
+"""Share of crouch and lean that is left out for braking."""
 LEAST_CROUCH_M, NOTED_SHARE = 0.01, 2.0 / 3.0
-"""A smaller crouch is none; one of a smaller share of what the joints allow is worth a note."""
+"""Least crouch, and share of the joints' crouch below which there is a note."""
 CROUCH_ITERATIONS = 8
 """Iterations of the solver per step."""
 
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """heights (h,): of the pelvis over the soles, m, rising. lean (h, 4): greatest lean forward, left, back, right,
-    rad. note: for the operator if the robot crouches little, else ""."""
+    """heights (h,): of the pelvis over the soles, m, rising. lean (h, 4): greatest, forward, left, back, right, rad.
+    note: for the operator."""
 
     heights: FloatArray
     lean: FloatArray
@@ -59,12 +59,12 @@ class Envelope:
         return float(self.heights[-1])
 
     def most_lean(self, height: float, x: float, y: float) -> float:
-        """Greatest lean, rad, in the ground direction (x, y) with the pelvis at `height` m."""
+        """Greatest lean, rad, in the ground direction (x, y) at a height, m."""
         return _towards(self._leans(height), x, y)
 
     def highest_for(self, lean: float, x: float, y: float) -> float:
-        """Greatest height of the pelvis, m, that allows a lean, rad, in the ground direction (x, y); if none does, the
-        greatest one with most lean. Straight legs cannot tilt hips sideways."""
+        """Greatest height, m, that allows a lean, rad, in a ground direction, as straight legs cannot tilt hips
+        sideways; if none does, that of most lean."""
         if _towards(self._nodes[-1], x, y) >= lean:
             return self.highest
         heights: list[float] = self.heights.tolist()
@@ -82,7 +82,6 @@ class Envelope:
         return [self._leans(height) for height in self.heights.tolist()]
 
     def _leans(self, height: float) -> list[float]:
-        """Greatest leans, rad, in the four directions at a height, m, interpolated."""
         span = self.highest - self.lowest
         share = (height - self.lowest) / span if span > 0.0 else 0.0  # a robot may not crouch at all
         place = min(max(share, 0.0), 1.0) * (len(self.heights) - 1)
@@ -93,24 +92,20 @@ class Envelope:
 
 
 def _towards(leans: list[float], x: float, y: float) -> float:
-    """Greatest lean in a ground direction, from those in the four directions: quarters of ellipses."""
+    """Greatest lean in a ground direction: quarters of ellipses."""
     a, b = leans[0 if x >= 0.0 else 2], leans[1 if y >= 0.0 else 3]
-    # Radius of the ellipse with half axes a, b in direction (x, y): a b / |(b x, a y)| for |(x, y)| = 1.
     length = hypot(x, y)
     return a * b * length / max(hypot(b * x, a * y), 1e-12)
 
 
 def robot_envelope(robot: RobotBody, limits: JointLimits, *, edges: FloatArray, margin: float | None) -> Envelope:
-    """Return the envelope of a robot in posture `stand` with clearances `margin`, m, measured once for all robots of
-    the same content. limits, edges: see `measure_envelope`."""
+    """Envelope of a robot in `stand` with clearances `margin`, m, measured once for all robots of the same content."""
     joints = [(float(low), float(high)) for low, high in zip(limits.lower, limits.upper, strict=True)]
     return _measured(_Same(robot.content, robot), tuple(joints), tuple(map(tuple, edges.tolist())), margin)
 
 
 @dataclass(frozen=True)
 class _Same:
-    """A robot, equal to any other of its content."""
-
     content: bytes
     robot: RobotBody = field(compare=False)
 
@@ -133,10 +128,7 @@ def _measured(
 def measure_envelope(
     robot: RobotBody, limits: JointLimits, stance: Stance, *, edges: FloatArray, observers: Observers | None = None
 ) -> Envelope:
-    """Measure the envelope of a robot with planted soles.
-
-    limits (nv,): of its body. edges (e, 3): for the centre of mass. Heights are those of landmark `pelvis`.
-    """
+    """Measure the envelope of a robot with planted soles. edges (e, 3): for the centre of mass."""
     clear, probe = _Probe(robot, limits, stance, edges, observers), _Probe(robot, limits, stance, edges)
     postures = clear.upright(-1.0) | clear.upright(1.0)
     bottom, top = min(postures), max(postures)
@@ -148,7 +140,7 @@ def measure_envelope(
 
 
 def _note(depth: float, most: float) -> str:
-    """The note for a crouch `depth` m deep, where joints allow `most` m."""
+    """Note for a crouch `depth` m deep, where joints allow `most` m."""
     if depth >= max(NOTED_SHARE * most, LEAST_CROUCH_M):
         return ""
     if most < LEAST_CROUCH_M:
@@ -161,8 +153,7 @@ def _note(depth: float, most: float) -> str:
 
 
 class _Probe:
-    """A solver without rates. Its levels are clearances, soles, balance, height of the pelvis, trunk, posture.
-    standing: height of the pelvis in the stance, m."""
+    """A solver without rates. standing: height of the pelvis in the stance, m."""
 
     def __init__(
         self,
@@ -215,8 +206,8 @@ class _Probe:
         self.standing = float(self._point(start, pelvis)[2])
 
     def upright(self, sign: float) -> dict[float, FloatArray]:
-        """Postures (nq,) by height, m, from the standing one up (sign 1) or down (-1), as far as the robot gets without
-        leaning back. Each starts from the one before, as large steps may end in another branch."""
+        """Postures (nq,) by height, m, up (sign 1) or down (-1) from the stance without leaning back. Each starts from
+        the one before, as large steps may end in another branch."""
         height, reached = self.standing, {self.standing: self._start}
         for step in (STEP_M, LAST_STEP_M):
             self._solver.reset(reached[height])
@@ -229,7 +220,7 @@ class _Probe:
         return reached
 
     def leans(self, height: float, postures: dict[float, FloatArray]) -> list[float]:
-        """Greatest leans, rad, in DIRECTIONS with the pelvis at `height` m, from the upright posture nearest to it."""
+        """Greatest leans, rad, in DIRECTIONS at a height, m."""
         self._solver.reset(postures[min(postures, key=lambda near: abs(near - height))])
         self._go(height, NO_TURN)
         upright = self._solver.q
@@ -248,7 +239,7 @@ class _Probe:
         return found
 
     def _go(self, height: float, trunk: Quat) -> float:
-        """Move to a height, m, and a trunk. Returns the actual height; NaN if soles or balance are lost."""
+        """Actual height after a move to a height, m, and a trunk; NaN if soles or balance are lost."""
         self._set(3, 0, (0.0, 0.0, height))
         self._set(4, 0, trunk)
         q = self._solver.frame(self._targets, 1.0)
@@ -256,7 +247,7 @@ class _Probe:
         return float("nan") if lost else float(self._point(q, self._pelvis)[2])
 
     def _leaned(self, direction: tuple[float, float]) -> float:
-        """Lean, rad, of the trunk's upward axis in the plane of a direction and the vertical."""
+        """Lean, rad, of the trunk in the plane of a direction and the vertical."""
         up = rotated(self._orientation(self._solver.q, self._trunk), (0.0, 0.0, 1.0))
         return arctan2(direction[0] * up[0] + direction[1] * up[1], up[2])
 

@@ -1,10 +1,8 @@
 """Deflection compensation: goals that hold a robot in its planned posture, on servos that yield under its weight.
 
-A servo with a P gain is a spring between goal and shaft. The torques of a planned posture are known (`GravityTorque`),
-so each goal is offset by the deflection of its servo. Limits and collisions are checked on the posture, and the gate
-also checks the goal. An I gain compensates within seconds by itself: the offset leaves out what it has added.
-
-Servos with different gains lag differently, so joints that carry the robot wait for the slowest of them.
+A servo with a P gain is a spring, so each goal is offset by the deflection that the posture's torques (`GravityTorque`)
+cause. An I gain compensates within seconds by itself, and the offset leaves that out. Joints that carry the robot wait
+for the slowest of them.
 """
 
 from collections.abc import Callable
@@ -23,26 +21,24 @@ from retarget.model.robot import RobotBody
 from retarget.robot.landmarks import standing_dofs
 
 MOST_RAD = 0.2
-"""Greatest offset of a goal from its posture, rad; a servo that deflects further is overloaded."""
+"""Greatest offset, rad; a servo that deflects further is overloaded."""
 SPEED_SHARE = 0.4
-"""Greatest speed of a goal away from its posture, relative to the joint's. Its return is not limited."""
+"""Greatest speed of an offset's growth, relative to the joint's."""
 RISE_S = 2.0
-"""Time in which that speed rises from 0 after torque came on, s."""
+"""Rise time of that speed after torque came on, s."""
 STILL_RAD = 1e-4
-"""An offset so near to its final value that moves less in a tick stands still, rad: a fifteenth of a tick of the
-encoder."""
+"""Movement of a resting offset, rad: a fifteenth of a tick of the encoder."""
 MOST_ACCELERATION = 5.0
-"""Bound of the acceleration of the centre of mass, m/s^2: half of what would lift the soles."""
+"""Bound of the acceleration of the mass, m/s^2: half of what would lift the soles."""
 
 
 @dataclass(frozen=True, eq=False)
 class Offset:
-    """The goal's offset from a posture (n,) rad.
+    """Offset of the goal from a posture (n,) rad.
 
-    compensated (n,): against the load, rad, which moved by `moved` (n,) in the last tick; behind (n,): to wait for
-    slower joints; integrated (n,): added by the servos' I gains. masses, velocities (k, 3): of the links' masses, m and
-    m/s, smoothed. ticks: since torque came on. forced: the gate's limits moved the offset by themselves. walked: offset
-    of a walking robot.
+    compensated: against the load, (n,) rad, which moved by `moved` in the last tick; behind: to wait for slower joints;
+    integrated: by I gains. masses, velocities (k, 3): of links, m and m/s, smoothed. ticks: since torque came on.
+    forced: the gate's limits moved the offset. walked: of a walking robot.
     """
 
     posture: FloatArray
@@ -58,7 +54,7 @@ class Offset:
 
     @property
     def free(self) -> bool:
-        """True if the offset has its own bounds, so that limits apply to the posture alone."""
+        """True if the offset has its own bounds."""
         return self.walked is not None
 
 
@@ -77,21 +73,20 @@ class DeflectionCompensation:
         self._compliance = joint_compliance(robot)  # (n, n) [rad/(N m)]
         self._lag = np.array([loop_lag(servo) for servo in servos])  # (n,) [s]
         self._integral = np.array([integral_rate(servo) for servo in servos])  # (n,) [1/s] rate of the I gain
-        # Only joints between root and soles move the whole body when one of them lags.
+        # Only these joints move the whole body when one of them lags.
         carrying = standing_dofs(robot)[self._dofs]
         waits = np.where(carrying, self._lag.max(where=carrying, initial=0.0) - self._lag, 0.0)  # (n,) [s]
-        self._catch_up = dt / (dt + waits)  # (n,) share of its waiting that ends in a tick
+        self._catch_up = dt / (dt + waits)  # (n,)
 
     def measure(self, joints: FloatArray, imu: object) -> None:
         """Measurements have no effect on a robot that stands."""
 
     def begin(self, posture: FloatArray) -> Offset:
-        """Return no offset, at rest in a posture (n,), rad."""
+        """No offset, at rest in a posture (n,), rad."""
         none, masses = np.zeros_like(posture), self._masses.places(self._standing(posture))
         return Offset(posture, none, none, none, none, masses, np.zeros_like(masses), 0)
 
     def _standing(self, posture: FloatArray) -> FloatArray:
-        """Return the posture (nq,) with joints (n,) on planted soles."""
         q = self._stance.q.copy()
         q[self._robot.servo_columns] = posture
         plant_root(self._robot, self._stance.q, q)
@@ -106,18 +101,17 @@ class DeflectionCompensation:
         ahead: FloatArray | None = None,
         walks: bool | None = False,
     ) -> tuple[FloatArray, Offset]:
-        """Return the goal (n,) that holds the robot in a posture (n,), rad, and its offset. nearest: maps a goal to the
-        nearest one within the gate's limits. ahead, walks: without effect."""
+        """Goal (n,) that holds a posture (n,), rad, and its offset. nearest: maps a goal to the nearest one within the
+        gate's limits."""
         q = self._standing(posture)
-        # Accelerations of links load the legs, too. They are filtered, as second differences would be noise.
+        # Accelerations of links are filtered, as second differences would be noise.
         velocities = self._settled(last.masses, last.velocities, self._masses.places(q))
         masses = last.masses + self._dt * velocities
         accelerations = (velocities - last.velocities) / self._dt
         acceleration, moment = self._masses.sums(masses, accelerations)
         acceleration = np.clip(acceleration, -MOST_ACCELERATION, MOST_ACCELERATION)
         torque = self._load.torques(q, acceleration, moment=moment)[self._dofs]
-        # The goal is beyond the posture by compliance * torque, less what the I gain has added by summing up deflection
-        # and lag.
+        # The I gain has summed up deflection and lag.
         desired = np.clip(matmul(self._compliance, torque) - last.integrated, -MOST_RAD, MOST_RAD)
         lag = self._lag / self._dt * (posture - last.posture)
         integrated = last.integrated + self._integral * self._dt * (desired + lag)
@@ -126,10 +120,10 @@ class DeflectionCompensation:
         moved = np.clip(self._dt * speed, -most, most)
         still = np.maximum(np.abs(moved), np.abs(desired - last.compensated)) < STILL_RAD
         compensated = np.where(still, last.compensated, last.compensated + moved)
-        # A fast servo waits for the slowest of its chain by a first-order lag.
+        # A first-order lag makes a fast servo wait.
         behind = (1.0 - self._catch_up) * (last.posture + last.behind - posture)
         behind[np.abs(behind) < STILL_RAD] = 0.0
-        # The gate's bounds may shorten the offset, but not move it by themselves; then the gate refuses the goal.
+        # The gate's bounds may shorten the offset; it refuses a goal that they move.
         target = posture + behind
         goal = nearest(target + compensated)
         kept, before = goal - target, last.compensated
@@ -139,7 +133,7 @@ class DeflectionCompensation:
         return goal, Offset(posture, kept, moved, behind, integrated, masses, velocities, ticks, forced)
 
     def _settled(self, at: FloatArray, velocity: FloatArray, target: FloatArray) -> FloatArray:
-        """Velocity after a tick of a critically damped second-order filter."""
-        # Backward Euler of x'' = r^2 (target - x) - 2 r x' is stable for any r dt.
+        """Velocity of a critically damped filter after a tick."""
+        # Backward Euler of x'' = r^2 (target - x) - 2 r x'
         gain = self._rate * self._dt
         return np.asarray((velocity + gain * self._rate * (target - at)) / (1.0 + 2.0 * gain + gain * gain))

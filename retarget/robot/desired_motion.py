@@ -1,9 +1,8 @@
 """Targets of a tick for desired landmarks: an even motion is followed without lag, and a gap is closed smoothly.
 
-A solver that corrects a whole error within the acceleration of its joints arrives too fast to stop, and oscillates. So
-the step of a tick is the desired motion's own, low-passed, plus a part of the remaining gap from which the robot can
-brake. Far gaps close at constant speed, so that a limb out of reach pulls no harder in a weighted level (Huber, "Robust
-estimation of a location parameter", 1964); near ones as exp(-RATE t).
+A solver that corrects a whole error at once arrives too fast to stop. So the step of a tick is the desired motion's
+own, low-passed, plus a part of the gap from which the robot can brake. Far gaps close at constant speed, so that a limb
+out of reach pulls no harder (Huber, "Robust estimation of a location parameter", 1964); near ones as exp(-RATE t).
 """
 
 from collections.abc import Sequence
@@ -21,26 +20,25 @@ from retarget.rotations import Quat, arc, as_vector, inverse, product, rotated, 
 from retarget.types import FloatArray
 
 SMOOTH_S = 0.018
-"""Time constant of each of three low passes, s. Feed-forward compensates their lag at constant velocity. A sine of 2 Hz
-overshoots by 21 %; two low passes with the same lag let through twice the noise above 20 Hz."""
+"""Time constant of each of three low passes, s, whose lag is compensated at constant velocity. Two with the same lag
+let through twice the noise."""
 RATE = 14.0
-"""Rate at which a gap closes, 1/s. A larger one means more noise and harder braking, a smaller one more lag."""
+"""Rate at which a gap closes, 1/s: a compromise of noise and lag."""
 FREE, CARRYING = (1.0, 0.4, 1.0), (0.5, 0.2, 0.5)
-"""Limits of landmarks that the legs do not move, and of others: acceleration of the desired motion, and acceleration
-and speed of closing gaps, as shares of the weakest joint's at the length of the limb."""
+"""Limits of landmarks that the legs do not move, and of others: acceleration of the motion, acceleration and speed of
+closing gaps, relative to the weakest joint's."""
 SHORTEST = 1e-12
 """Least divisor, m or rad."""
 FAR = 1e3
-"""Distance of a point in the direction of the gaze, m."""
+"""Distance of a point in the gaze, m."""
 
 
 class MotionFilter:
-    """Steps (k, 3), m or rad, of points or rotations towards their desired values."""
+    """Steps (k, 3), m or rad, of points or rotations to their desired values."""
 
     def __init__(self, limits: FloatArray, lead_times: FloatArray) -> None:
-        """limits (k, 3): acceleration of the desired motion, per s^2; beyond it the motion counts as a gap;
-        acceleration and speed of closing gaps. lead_times (k,): s by which steps are ahead of the motion, at its
-        velocity."""
+        """limits (k, 3): accelerations of motion and of closing gaps, per s^2, and speed of that, per s. lead_times
+        (k,): by which steps are ahead, s."""
         self._own, self._catch_up, self._speed = limits.T
         self._ahead = lead_times[:, None]
         self.restart()
@@ -50,11 +48,10 @@ class MotionFilter:
         self._first = self._second = self._velocity = self._caught = np.zeros((len(self._own), 3))
 
     def step(self, moved: FloatArray, error: FloatArray, dt: float, *, speed_override: float = 1.0) -> FloatArray:
-        """Return the displacement (k, 3) for a tick of `dt` s.
+        """Displacement (k, 3) for a tick of `dt` s.
 
-        moved (k, 3): of the desired values since the last tick; error (k, 3): from actual to desired values.
-        speed_override: (0, 1], share of the speed limit; its square is the share of accelerations, not of
-        decelerations.
+        moved (k, 3): of desired values since the last tick; error (k, 3): to desired values. speed_override: (0, 1],
+        share of speed; its square is that of accelerations, not of decelerations.
         """
         gain = speed_override * speed_override
         braking, speed = gain * self._catch_up, speed_override * self._speed
@@ -76,12 +73,11 @@ class MotionFilter:
 
 
 def _limited(vectors: FloatArray, most: FloatArray) -> FloatArray:
-    """Vectors (k, 3), shortened to `most` (k,)."""
     return vectors * (most / np.maximum(np.maximum(norms(vectors), most), SHORTEST))[:, None]
 
 
 def _changed(velocities: FloatArray, changes: FloatArray, most: FloatArray, gain: float) -> FloatArray:
-    """Velocities (k, 3) after changes of at most `most` (k,) where they slow down, else of a share `gain` of it."""
+    """Velocities (k, 3) after changes of at most `most` (k,) where they slow down, else `gain` of it."""
     slows = norms(velocities + changes) < norms(velocities)
     return velocities + _limited(changes, np.where(slows, most, gain * most))
 
@@ -99,8 +95,8 @@ class DesiredMotion:
         trunk_at_stance: Quat,
         lag_compensation: float = 0.0,
     ) -> None:
-        """limits (nv,): of following. still: planted landmarks. trunk_at_stance: wxyz of the trunk's frame.
-        lag_compensation: share of their servos' lag by which landmarks of the upper body are ahead."""
+        """limits (nv,): of following. still: planted landmarks. lag_compensation: share of their servos' lag by which
+        landmarks of the upper body are ahead."""
         marks, limbs = robot.profile.landmarks, robot_limbs(robot)
         points = hierarchy.position_slots(["" if name in still else name for name in marks])
         lines = hierarchy.position_slots(list(limbs), SlotKind.LIMB)
@@ -128,7 +124,7 @@ class DesiredMotion:
     def aim(
         self, targets: FloatArray, desired: DesiredLandmarks, reached: Reached, dt: float, *, speed_override: float
     ) -> None:
-        """Write the targets of a tick of `dt` s, for a share (0, 1] of all speeds."""
+        """Write the targets of a tick of `dt` s. speed_override: (0, 1], share of all speeds."""
         there, here = np.array([*desired.landmarks, *desired.limbs]), np.array([*reached.landmarks, *reached.limbs])
         last, before = (there, desired) if self._before is None else self._before
         self._before = there, desired
@@ -153,8 +149,8 @@ class DesiredMotion:
 def _channel(
     robot: RobotBody, limits: JointLimits, frame: str, anchor: Sequence[str], length: float
 ) -> tuple[FloatArray, float]:
-    """Limits (3,) of a `MotionFilter` for a frame `length` m from the joints between it and its anchor, and the least
-    lag of their servos, s; 0 if one of them carries the robot."""
+    """Limits (3,) of a frame `length` m from the joints between it and its anchor, and their least lag, s; 0 for joints
+    that carry the robot."""
     servos = robot.joint_map.servos
     movers = [servo for servo, moves in zip(servos, joints_between(robot, frame, anchor), strict=True) if moves]
     dofs = [robot.body.dof_index(servo.joint) for servo in movers]
@@ -166,5 +162,4 @@ def _channel(
 
 
 def _turned(before: Quat, now: Quat) -> tuple[float, float, float]:
-    """Rotation vector, rad, from one orientation wxyz to another."""
     return rotation_vector(product(now, inverse(before)))

@@ -114,7 +114,7 @@ class StanceTrajectory:
             self._moves.reset(q[self._joints])
 
     def goes_on(self, velocity: FloatArray, dt: float) -> bool:
-        """Return False after `dt` s once the robot rests in its stance, or as near to it as its limbs come. velocity
+        """False after `dt` s once the robot rests in its stance, or as near to it as its limbs come. velocity
         (nv,): commanded, per s."""
         assert self._moves is not None, "the return has begun"
         arrived = self._moves.at_rest and np.array_equal(self._moves.position, self._end)
@@ -122,7 +122,7 @@ class StanceTrajectory:
         return self._rest.step(dt, holds=rests) < RESTS_S
 
     def step(self, speed_override: float) -> FloatArray:
-        """Return the posture (nq,) of the next tick."""
+        """Posture (nq,) of the next tick."""
         assert self._moves is not None, "the return has begun"
         self._posture[self._joints] = self._moves.step(self._end, speed_override)
         return self._posture
@@ -300,7 +300,7 @@ class Follower:
         return self._posture(self._desired(human, 0.0))
 
     def settle(self, human: "HumanPosture", dt: float) -> RobotPosture | None:
-        """Return the next posture on the path from `start` to a performer who stands still; None: the robot is
+        """Next posture on the path from `start` to a performer who stands still; None: the robot is
         there."""
         if self._rest.held >= RESTING_S or self._settled_s >= SETTLING_S:
             self.scene_obstacles.begin()
@@ -313,7 +313,7 @@ class Follower:
         return posture
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
-        """Return the posture after the next `dt` s."""
+        """Posture after the next `dt` s."""
         desired, legs = self._desired(human, dt), self.legs
         if legs is not None:
             speed = legs.desired(human, dt)
@@ -408,7 +408,7 @@ class Follower:
         self._reached = self._reader.read(q)
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
-        """Return the next posture (nq,) of the return to stance; None: the robot stands, or needs no return."""
+        """Next posture (nq,) of the return to stance; None: the robot stands, or needs no return."""
         to_stance, hierarchy = self._soles.to_stance, self.hierarchy
         if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt):
             return None
@@ -429,23 +429,23 @@ class Follower:
         self._speed = override
 
     def stop(self, dt: float) -> StopPath | None:
-        """Return the stop on its soles from the last planned posture; None: its legs do not move."""
+        """Stop on its soles from the last planned posture; None: its legs do not move."""
         if self.legs is not None and self.legs.walks:
             return self.legs.stop(self._q, self._solver.velocity, dt)
         return self._moved(self._stop(self._q, self._solver.velocity, dt))
 
     def stop_from(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath | None:
-        """Return the stop on its soles from posture q (nq,) and velocity (nv,) per s; None: its legs do not move."""
+        """Stop on its soles from posture q (nq,) and velocity (nv,) per s; None: its legs do not move."""
         if self.legs is not None:
             q, velocity = self.legs.seen(q, velocity)
         return self._moved(self._stop(q, velocity, dt))
 
     def _stop(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath | None:
-        """Return the stop in the world of the stance."""
+        """Stop in the world of the stance."""
         return None if self._soles.stop is None else self._soles.stop.path(q, velocity, dt)
 
     def _moved(self, stop: StopPath | None) -> StopPath | None:
-        """Return a stop of the world of the stance in the world."""
+        """Stop of the world of the stance in the world."""
         return stop if stop is None or self.legs is None else self.legs.moved(stop)
 
     def resume(self) -> None:

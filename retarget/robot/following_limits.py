@@ -14,17 +14,14 @@ from retarget.robot.landmarks import standing_dofs
 from retarget.schema.priorities import DeflectionCompensationSettings
 from retarget.types import FloatArray
 
-# Speeds at which lagging servos stay within the guard's following error. A position loop with a P gain lags by its time
-# constant and by a cycle of the bus.
-
 SHARE = 0.95
-"""Share of the sustained following error that a plan uses if the profile has no `planned_lag`."""
+"""Share of the sustained following error that a plan uses without `planned_lag`."""
 
 
 def followed_speed(robot: RobotBody, limits: JointLimits, *, tracking_delay: float) -> JointLimits:
-    """Return limits (nv,) with speeds at which servos stay within the profile's `planned_lag`.
+    """Limits (nv,) with speeds at which servos stay within the profile's `planned_lag`.
 
-    tracking_delay: s of lag beyond that of servos and bus. A profile without limits of lag keeps its speeds.
+    A position loop with a P gain lags by its time constant and a cycle of the bus. tracking_delay: further lag, s.
     """
     safety = robot.profile.safety
     lag = safety.planned_lag
@@ -34,7 +31,7 @@ def followed_speed(robot: RobotBody, limits: JointLimits, *, tracking_delay: flo
         return limits
     speed = limits.max_velocity.copy()
     for servo in robot.joint_map.servos:
-        if servo.coupling is not None:  # more than one joint lags
+        if servo.coupling is not None:
             continue
         behind = loop_lag(servo) + 1.0 / safety.rate_hz + tracking_delay
         dof = robot.body.dof_index(servo.joint)
@@ -47,10 +44,9 @@ SLOWEST = 0.25
 
 
 def loaded_speed(robot: RobotBody, limits: JointLimits, *, speed_margin: float) -> JointLimits:
-    """Return limits (nv,) with the speeds of loaded servos in the lowest posture, on both soles.
+    """Limits (nv,) with the speeds of loaded servos in the lowest posture of a standing robot.
 
-    A DC motor's speed falls linearly from no-load speed to none at stall torque. speed_margin: share by which the load
-    exceeds that at rest. A robot that does not stand keeps its limits.
+    A DC motor's speed falls linearly from no load to stall. speed_margin: load beyond that at rest, relative to it.
     """
     if not robot.stands:
         return limits
@@ -71,13 +67,12 @@ def loaded_speed(robot: RobotBody, limits: JointLimits, *, speed_margin: float) 
 
 
 MOST_SHARE = 0.25
-"""Greatest share of a joint's range that a soft limit takes from an end."""
+"""Greatest share of a joint's range that a soft limit takes."""
 
 
 def soft_limits(robot: RobotBody, limits: JointLimits, *, margin: float) -> JointLimits:
-    """Return limits (nv,) in which joints between root and soles keep `margin` rad from their ends, within MOST_SHARE
-    and `stand`. A servo that overshoots into a mechanical stop would throw the robot over. A robot that does not stand
-    keeps its limits."""
+    """Limits (nv,) in which the joints of standing legs keep `margin` rad from their ends, within MOST_SHARE and
+    `stand`: a servo that overshoots into a stop would throw the robot over."""
     if not robot.stands or margin == 0.0:
         return limits
     lower, upper = limits.lower.copy(), limits.upper.copy()
@@ -97,13 +92,12 @@ def soft_limits(robot: RobotBody, limits: JointLimits, *, margin: float) -> Join
 LIMBS = {"knee": ("hip", "ankle"), "elbow": ("shoulder", "hand")}
 """Middle joint of a limb: frames at its ends."""
 BENT = 0.2
-"""Bend that knees and elbows keep, rad: straight limbs are singular. It costs 0.5 % of the reach."""
+"""Least bend of knees and elbows, rad, as straight limbs are singular."""
 SAMPLES = 181
-"""Number of angles at which a joint is tried."""
 
 
 def servo_limits(robot: RobotBody) -> JointLimits:
-    """Return the limits (nv,) of a robot's servos, with the profile's cap of following speeds; a free root has none."""
+    """Limits (nv,) of a robot's servos, with the profile's cap of speeds."""
     servos, body = robot.limits, robot.body
     dofs = [body.dof_index(joint) for joint in robot.joint_map.joints]
     columns = []
@@ -122,8 +116,7 @@ def servo_limits(robot: RobotBody) -> JointLimits:
 def following_limits(
     robot: RobotBody, stance: Stance, deflection_compensation: DeflectionCompensationSettings | None = None
 ) -> JointLimits:
-    """Return the limits (nv,) of servos, with knees and elbows kept bent. deflection_compensation: adds soft limits,
-    and the speeds of loaded and lagging servos."""
+    """Limits (nv,) of servos, with knees and elbows bent. deflection_compensation: adds soft limits, load and lag."""
     limits = servo_limits(robot)
     for middle, ends in LIMBS.items():
         for side in ("l", "r"):
@@ -137,7 +130,6 @@ def following_limits(
 
 
 def _keep_bent(robot: RobotBody, stance: Stance, limb: list[str], lower: FloatArray, upper: FloatArray) -> None:
-    """Reduce the limits (nv,) of a limb's middle joint on its straight side, if the profile has its frames."""
     body = robot.body
     if not set(limb) <= set(robot.profile.frames):
         return

@@ -1,8 +1,7 @@
-"""Free legs: a robot without ground contact follows the performer's path, as in a viewer or for training.
+"""Free legs: a robot without ground contact follows the performer's path, for viewers and training.
 
-Its world is the performer's, scaled by the length of the legs, from their first place and heading. As the legs of robot
-and performer differ, the whole body is raised or lowered until its lower ankle has the performer's height above the
-stance.
+Its world is the performer's, scaled by the length of the legs. The whole body is raised or lowered until its lower
+ankle has the performer's height.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,16 +20,14 @@ SWING = 0.3
 CARRY_S = 0.05
 """Time constant of these weights, s."""
 SPOT = 0.05
-"""A stance foot stays on its spot while the performer's is within this share of the leg. With 0.15, which an ankle that
-rolls over its toes reaches, feet must hurry and legs lag."""
+"""Distance of the performer's foot, relative to the leg, up to which a stance foot stays on its spot."""
 SPOT_S = 0.1
 """Time constant with which a lifted foot leaves its spot, s."""
 
 
 @dataclass(frozen=True)
 class FreeFoot:
-    """Landmark of a sole: its row, its frame, side (0 left, 1 right), and offset from the ankle, m, in its own
-    frame."""
+    """Landmark of a sole: row, frame, side (0 left, 1 right), and offset from the ankle, m, in its frame."""
 
     row: int
     frame: str
@@ -44,11 +41,11 @@ class FreeLegs:
     def __init__(
         self, feet: Sequence[FreeFoot], scale: float, dimensions: HumanDimensions, rest: Mapping[str, FloatArray]
     ) -> None:
-        """feet: left, right. scale: of the robot's leg to the performer's. rest: places (3,) m of joints, standing."""
+        """feet: left, right. scale: robot's leg to performer's. rest: places (3,) m of joints, standing."""
         self.feet = tuple(feet)
         hips = {"l_hip": 0.5 * scale, "r_hip": 0.5 * scale}
         self.sums: tuple[dict[str, float], ...] = (hips, {"l_ankle": scale}, {"r_ankle": scale})
-        """Sums of the performer's joints, scaled: the middle of the hips, and both ankles."""
+        """The middle of the hips, and both ankles, as scaled sums of joints."""
         self._ankle = scale * FRACTIONS.ankle_height * dimensions.stature
         self._spot = SPOT * scale * (rest["l_hip"][2] - rest["l_ankle"][2])
         lines = [as_vector(rest[f"{side}_toe"] - rest[f"{side}_ankle"]) for side in SIDES]
@@ -63,14 +60,14 @@ class FreeLegs:
         self._spots: list[tuple[float, float] | None] = [None, None]
 
     def place(self, point: Vector) -> Vector:
-        """Return a scaled point of the performer, m, relative to the first place of their hips."""
+        """Scaled point of the performer, m, from where they began."""
         x, y, z = point
         if self._begin is None:
             self._begin = (x, y)
         return x - self._begin[0], y - self._begin[1], z
 
     def spots(self, desired: Sequence[Vector], carrying: Carrying, dt: float) -> list[Vector]:
-        """Return the places of left and right sole, m, `dt` s later. desired: places without spots."""
+        """Places of both soles, m, `dt` s later."""
         spots = []
         for foot, ((x, y, z), carries) in enumerate(zip(desired, carrying.feet, strict=True)):
             if carries:
@@ -85,8 +82,7 @@ class FreeLegs:
         return spots
 
     def turns(self, lines: Sequence[Vector]) -> tuple[Quat, ...]:
-        """Return orientations of both soles: flat and forward if the performer's feet are as at rest. lines: from ankle
-        to toe."""
+        """Orientations of both soles. lines: from ankle to toe."""
         found = []
         for line, (rest_yaw, rest_pitch) in zip(lines, self._rest, strict=True):
             yaw, pitch = _direction(line)
@@ -94,13 +90,13 @@ class FreeLegs:
         return tuple(found)
 
     def weights(self, carrying: Carrying, dt: float) -> tuple[float, ...]:
-        """Return the weights of both soles `dt` s later."""
+        """Weights of both soles `dt` s later."""
         for side, carries in enumerate(carrying.feet):
             self._weights[side] = low_pass(self._weights[side], 1.0 if carries else SWING, dt / CARRY_S)
         return tuple(self._weights)
 
     def lift(self, landmarks: Sequence[Vector], turns: Sequence[Quat], ankles: Sequence[Vector]) -> float:
-        """Return the height, m, by which to raise all landmarks, so that no ankle is lower than the performer's."""
+        """Height, m, by which to raise all landmarks for the performer's height of ankles."""
         needed = []
         for foot in self.feet:
             ankle = minus(landmarks[foot.row], rotated(turns[foot.side], foot.offset))

@@ -72,7 +72,7 @@ class Facing:
     def update(
         self, pelvis: Quat, left_foot: Sequence[float], right_foot: Sequence[float], dt: float
     ) -> tuple[float, float]:
-        """Return the heading (x, y), a unit vector on the ground, `dt` s after the last one.
+        """Heading (x, y), a unit vector on the ground, `dt` s after the last one.
 
         pelvis: wxyz; forward is square to its left axis, which bending leaves alone. feet: from ankle to toe, of any
         length. Values that are not finite are left out.
@@ -129,7 +129,7 @@ class FootSeparation:
 
 
 def foot_separation(profile: RobotProfile, stance: Stance, rows: Sequence[str]) -> FootSeparation | None:
-    """Return the separation in the stance of the feet in these rows; None without two feet."""
+    """Separation in the stance of the feet in these rows; None without two feet."""
     soles = {foot.frame for foot in profile.feet.values()}
     feet = [row for row, name in enumerate(rows) if profile.landmarks[name].frame in soles]
     if len(feet) != 2:
@@ -169,7 +169,7 @@ class PelvisOverFeet:
         self._height: float | None = None
 
     def step(self, hips: Vector, legs: Sequence[Vector], higher: float, dt: float) -> Vector:
-        """Return the desired place of the hips, m, `dt` s later.
+        """Desired place of the hips, m, `dt` s later.
 
         hips: of the performer, from the middle of both ankles; legs: from left hip to left ankle, and right; higher:
         height of the left ankle above the right one; all scaled to the robot, m.
@@ -336,7 +336,7 @@ class LandmarkMap:
             self._free.restart()
 
     def desired(self, human: "HumanPosture", dt: float) -> DesiredLandmarks:
-        """Return the desired landmarks for a posture, `dt` s of the robot's clock after the last one."""
+        """Desired landmarks for a posture, `dt` s of the robot's clock after the last one."""
         names, weights = self._summed
         if human.joint_names is not names:
             weights = _weights(self._sums, human.joint_names)
@@ -544,7 +544,7 @@ class RobotReader:
         self._trunk = product(as_quat(trunk.quat), inverse(self.trunk_at_stance))
 
     def read(self, q: FloatArray) -> Reached:
-        """Return the actual landmarks of posture q (nq,)."""
+        """Actual landmarks of posture q (nq,)."""
         points, oriented, centre_of_mass = self._probe.read(q)
         trunk, head = map(as_quat, oriented)
         first, second = self._ends
@@ -593,7 +593,7 @@ def robot_postures(robot: RobotBody, stance: Stance) -> dict[str, FloatArray]:
 
 
 def standing_targets(hierarchy: Hierarchy, stance: Stance) -> FloatArray:
-    """Return the target vector of a robot that faces forward on its soles."""
+    """Target vector of a robot that faces forward on its soles."""
     targets = hierarchy.blank()
     hierarchy.set_heading(targets, (1.0, 0.0))
     plant_soles(hierarchy, targets, stance)

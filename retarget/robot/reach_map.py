@@ -86,7 +86,7 @@ class FreeTrunk:
 
 
 def is_height(task: PositionTask) -> bool:
-    """Return True for a task on a height alone."""
+    """True for a task on a height alone."""
     return isinstance(task.weight, tuple) and task.weight[:2] == (0.0, 0.0)
 
 
@@ -104,12 +104,12 @@ class HandReach:
         self._flat = np.ascontiguousarray(field.reshape(-1, field.shape[3]))
 
     def inside(self, place: Sequence[float]) -> Vector:
-        """Return the nearest place, m, that the grid covers."""
+        """Nearest place, m, that the grid covers."""
         x, y, z = (min(max(v, axis[0]), end) for v, axis, end in zip(place, self._axes, self._ends, strict=True))
         return x, y, z
 
     def at(self, place: Vector) -> list[float]:
-        """Return the field at a place inside, m, interpolated in its cell."""
+        """Field at a place inside, m, interpolated in its cell."""
         start, shares = 0, list[tuple[float, float]]()
         for v, (low, stride, last) in zip(place, self._axes, strict=True):
             along = (v - low) / self.spacing
@@ -308,7 +308,7 @@ def _distances(
 
 
 def map_path(robot: RobotBody, priorities: Priorities) -> Path:
-    """Return the place of the map of a robot with these priorities in the cache."""
+    """Place of the map of a robot with these priorities in the cache."""
     digest = sha256(
         FORMAT + f" {NODES} {HEIGHTS} ".encode() + robot.content + priorities.model_dump_json().encode()
     ).hexdigest()
@@ -343,7 +343,7 @@ def load_map(path: Path) -> ReachMap | None:
 
 
 def reach_map(robot: RobotBody, priorities: Priorities, probe: Callable[[], ReachProbe]) -> ReachMap:
-    """Return the map of a robot, from the cache or measured by a probe; it is kept in the cache if possible."""
+    """Map of a robot, from the cache or measured by a probe; it is kept in the cache if possible."""
     path = map_path(robot, priorities)
     found = load_map(path)
     if found is None:

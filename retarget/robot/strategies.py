@@ -1,9 +1,8 @@
 """Motion strategies: means by which a robot on its soles gets its hands to places beyond its arms' reach.
 
-The reachability map allows strategies, and the cheapest is chosen (R. Boulic et al., "Virtual worker reachable space
-evaluation with prioritized inverse kinematics", Int. Symp. Robotics 2004): the arm; the trunk, which leans and twists;
-a crouch; a step. A step is only named, and the hands go to the edge of the reach. Weights and heights change smoothly,
-with hysteresis.
+The cheapest one that the reachability map allows is chosen (R. Boulic et al., "Virtual worker reachable space
+evaluation with prioritized inverse kinematics", Int. Symp. Robotics 2004): arm, trunk, crouch, or step. A step is only
+named, and the hands go to the edge of the reach.
 """
 
 from collections.abc import Sequence
@@ -28,23 +27,23 @@ from retarget.types import FloatArray
 __all__ = ["REACH", "Strategies", "Strategy", "arms_alone", "strategies_of"]
 
 SETTLE_S = 0.15
-"""Time constant of the weight of the trunk and of the pelvis' height, s."""
+"""Time constant of changes, s."""
 EDGE = 0.17
-"""Distance outside the edge of the map up to which a strategy is chosen, in spacings of its grid: interpolation shows a
-round edge too near."""
+"""Distance outside the map's edge up to which a strategy is chosen, in spacings: interpolation shrinks a round
+region."""
 INSIDE, CROUCHED = 0.15, 0.5
-"""Distances inside the edge, in spacings: where a cheaper strategy is chosen again, and to which the pelvis is lowered,
-as the edge is not straight between the map's heights."""
+"""Distances inside the edge, in spacings, at which a cheaper strategy is chosen again, and to which the pelvis is
+lowered."""
 LEAST, LEAST_M = 1e-3, 1e-5
-"""A share, or a height, m, this near to its end is there."""
+"""Distances at which a share, and a height, m, have arrived."""
 OFF_S = 1.0
-"""Time constant with which arms compensate a displaced trunk, s: longer than its lag."""
+"""Time constant with which arms compensate a displaced trunk, s."""
 LOOK_S = 0.04
 """Least time between look-ups in the map, s."""
 
 
 class Strategy(Enum):
-    """Means by which hands get to their places. The value is its name in files and reports."""
+    """Means by which hands get to their places, as in files and reports."""
 
     ARM = "arm"
     TRUNK = "trunk"
@@ -56,17 +55,13 @@ class Strategy(Enum):
         """Text for pages."""
         return "needs a step" if self is Strategy.STEP else f"hands by {self.value}"
 
-    def costs_no_less(self, other: "Strategy") -> bool:
-        """Return True for the same or a later strategy of ORDER."""
-        return ORDER.index(self) >= ORDER.index(other)
-
 
 ORDER = tuple(Strategy)
 """Strategies by rising cost."""
 
 
 def arms_alone(priorities: Priorities) -> Priorities:
-    """Return the priorities without tasks on the places of hands, for a robot that chooses no strategies."""
+    """Priorities without tasks on the places of hands."""
     if not priorities.strategies:
         return priorities
     levels = []
@@ -82,8 +77,7 @@ def arms_alone(priorities: Priorities) -> Priorities:
 
 @dataclass(frozen=True, eq=False)
 class _Hand:
-    """A hand: its row of the landmarks, its line of the limbs, and its shoulder from the pelvis of an upright trunk,
-    m."""
+    """A hand: row of the landmarks, line of the limbs, and shoulder from the pelvis of an upright trunk, m."""
 
     row: int
     line: int
@@ -93,12 +87,9 @@ class _Hand:
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """A look-up in the map, m.
-
-    lower: height of the pelvis relative to its desired one; shifts: of the hands, into reach; carried: hands, as
-    carried by the stance's trunk; room: movement of hands that leaves them in reach of the arms; off: filtered
-    displacement of the shoulders.
-    """
+    """A look-up in the map, m. lower: height of the pelvis from its desired one; shifts: of the hands, into reach;
+    carried: hands in the stance's trunk frame; room: movement within the arms' reach; off: displacement of the
+    shoulders."""
 
     strategy: Strategy = Strategy.ARM
     lower: float = 0.0
@@ -114,10 +105,9 @@ class Strategies:
     def __init__(
         self, robot: RobotBody, stance: Stance, reach: ReachMap, free: FreeTrunk, *, allowed: Sequence[str]
     ) -> None:
-        """free: of the robot's hierarchy. allowed: values of strategies besides arm and step."""
+        """allowed: values of strategies besides arm and step."""
         marks, names = robot.profile.landmarks, limb_names(robot.profile)
         self.reach = reach
-        """The robot's map."""
         self._free = free
         self._allowed = [one for one in ORDER if one.value in allowed]
         place = stance.points[marks[PELVIS].frame]
@@ -134,7 +124,7 @@ class Strategies:
         spacing = reach.hands[0].spacing
         self._edge, self._inside, self._crouched = EDGE * spacing, INSIDE * spacing, CROUCHED * spacing
         self.forced: tuple[Strategy, float | None] | None = None
-        """A strategy, and a height of the pelvis, m, to use regardless of the map, for comparisons."""
+        """A strategy, and a height of the pelvis, m, to use regardless of the map."""
         self.restart()
 
     def restart(self) -> None:
@@ -155,8 +145,7 @@ class Strategies:
         return self._share == 0.0
 
     def places(self, desired: DesiredLandmarks) -> DesiredLandmarks:
-        """Return desired landmarks with hands as for the performer's own pelvis and trunk, beyond the robot's
-        envelope."""
+        """Desired landmarks with the hands of the performer's pelvis and trunk, beyond the robot's envelope."""
         pelvis, trunk = desired.whole
         landmarks, limbs = list(desired.landmarks), list(desired.limbs)
         for hand in self._hands:
@@ -166,7 +155,7 @@ class Strategies:
         return replace(desired, landmarks=landmarks, limbs=limbs)
 
     def choose(self, desired: DesiredLandmarks, reached: Reached, dt: float) -> DesiredLandmarks:
-        """Choose for the next `dt` s. Returns desired landmarks with hands in reach and the pelvis low enough."""
+        """Choose for the next `dt` s. Returns landmarks with hands in reach and the pelvis low enough."""
         self._passed += dt
         if self._passed >= LOOK_S:
             self._look_again(desired, reached)
@@ -188,8 +177,7 @@ class Strategies:
         return replace(desired, landmarks=landmarks, limbs=limbs)
 
     def _look_again(self, desired: DesiredLandmarks, reached: Reached) -> None:
-        """Look up the map, unless hands are in reach of the arms and have moved less than their distance to the
-        edge."""
+        """Look up the map unless hands have moved less than their distance to the edge."""
         seen, pelvis, there = self._seen, desired.landmarks[self._pelvis], reached.landmarks[self._pelvis]
         back, share, off, carried = inverse(desired.trunk), self._passed / OFF_S, list[Vector](), list[Vector]()
         for hand, before in zip(self._hands, seen.off, strict=True):
@@ -197,7 +185,6 @@ class Strategies:
             x, y, z = plus(wrong, minus(there, pelvis))
             a, b, c = before
             off.append((low_pass(a, x, share), low_pass(b, y, share), low_pass(c, z, share)))
-            # The hand as carried by the upright trunk of the stance.
             place = minus(minus(desired.landmarks[hand.row], off[-1]), pelvis)
             carried.append(plus(self._stands, rotated(back, place)))
         moved = max(fsum(map(abs, minus(*pair))) for pair in zip(carried, seen.carried, strict=True))
@@ -209,8 +196,7 @@ class Strategies:
         self._passed = 0.0
 
     def _look(self, carried: Sequence[Vector], places: Sequence[Vector], height: float) -> _Look:
-        """Look up the map. carried: see `_Look`; places: of the hands in the world; height: of the desired pelvis,
-        m."""
+        """Look up the map. places: of the hands, height: of the desired pelvis, m."""
         maps, low = [hand.reach for hand in self._hands], min(height, self.reach.heights[-1])
         by_arm = max(reach.at(reach.inside(place))[0] for reach, place in zip(maps, carried, strict=True))
         within = [reach.inside(place) for reach, place in zip(maps, places, strict=True)]
@@ -228,15 +214,15 @@ class Strategies:
         self._free.weigh(targets, self._share)
 
     def _cheapest(self, by_arm: float, fields: Sequence[Sequence[float]], height: float) -> tuple[Strategy, float]:
-        """The cheapest strategy, and its height of the pelvis, m. by_arm: distance from the edge of the arms' reach;
-        height: desired, m."""
+        """Cheapest strategy, and its height of the pelvis, m. by_arm: distance from the edge of the arms' reach, m."""
         heights, edges = self.reach.heights, farthest(fields)
         leans_at = min(height, heights[-1])  # straight legs do not lean
         if self.forced is not None:
             one, forced = self.forced
             crouch = nearest_height(heights, edges, leans_at, -self._crouched) if forced is None else forced
             return one, {Strategy.ARM: height, Strategy.TRUNK: leans_at}.get(one, crouch)
-        limits = [self._edge if one.costs_no_less(self.strategy) else -self._inside for one in ORDER]
+        now = ORDER.index(self.strategy)
+        limits = [self._edge if place >= now else -self._inside for place in range(len(ORDER))]
         if by_arm <= limits[0]:
             return Strategy.ARM, height
         if Strategy.TRUNK in self._allowed and at_height(heights, edges, leans_at) <= limits[1]:
@@ -246,7 +232,7 @@ class Strategies:
         return Strategy.CROUCH if reached else Strategy.STEP, crouch
 
     def cheapest_standing(self, hand: int, place: Vector) -> Strategy:
-        """Return the cheapest strategy for a place, m, of one hand, 0 or 1, of a robot that stands in its stance."""
+        """Cheapest strategy for a place, m, of one hand, 0 or 1, in the stance."""
         reach = self.reach.hands[hand]
         inside = reach.inside(place)
         if inside != place:
@@ -270,8 +256,7 @@ def strategies_of(
     strength: StandingStrength | None,
     envelope: Envelope,
 ) -> Strategies | None:
-    """Return the strategies of a robot; None without two hands and a pelvis. hierarchy: of following. build: of a
-    hierarchy without rates, for REACH. standing: landmarks of the stance."""
+    """Strategies of a robot; None without two hands and a pelvis. build: of a hierarchy without rates, for REACH."""
     marks = robot.profile.landmarks
     if not {*HANDS, PELVIS} <= marks.keys():
         return None
@@ -285,7 +270,7 @@ def strategies_of(
 
 
 def _on_edge(place: Vector, field: Sequence[float]) -> Vector:
-    """The nearest place on the edge of the map, or a place inside it. field: at the place."""
+    """Nearest place on the edge of the map, or a place inside."""
     beyond, (x, y, z) = min(field[1:-3]), field[-3:]
     length = norm(np.array([x, y, z]))
     if beyond <= 0.0 or length == 0.0:
@@ -295,12 +280,12 @@ def _on_edge(place: Vector, field: Sequence[float]) -> Vector:
 
 
 def farthest(fields: Sequence[Sequence[float]]) -> list[float]:
-    """Return the greater distance of both hands at each height, m."""
+    """Greater distance of both hands at each height, m."""
     return [max(pair) for pair in zip(*(field[1:-3] for field in fields), strict=True)]
 
 
 def at_height(heights: Sequence[float], edges: Sequence[float], height: float) -> float:
-    """Return the distance at a height, m, interpolated."""
+    """Distance at a height, m, interpolated."""
     last = len(heights) - 1
     along = min(max((height - heights[0]) / (heights[last] - heights[0]), 0.0), 1.0) * last
     node = min(int(along), last - 1)
@@ -308,7 +293,7 @@ def at_height(heights: Sequence[float], edges: Sequence[float], height: float) -
 
 
 def nearest_height(heights: Sequence[float], edges: Sequence[float], height: float, limit: float) -> float:
-    """Return the height, m, nearest to another one with a distance within a limit; else that of the least distance."""
+    """Height, m, nearest to another one with a distance within a limit; else that of the least distance."""
     if at_height(heights, edges, height) <= limit:
         return height
     crossings = [height for height, edge in zip(heights, edges, strict=True) if edge <= limit]

@@ -1,7 +1,6 @@
 """The gait of a robot, from its size: times and sizes of its steps, and its fastest walk.
 
-Constants were found for OP3 in physics (`benchmarks.walking`), in units of the pendulum: sqrt(height / g), sqrt(g
-height).
+Constants were found for OP3 in physics (`benchmarks.walking`), in units of the pendulum.
 """
 
 from math import sqrt
@@ -18,30 +17,28 @@ from retarget.schema.priorities import Priorities, Steps
 from retarget.types import MM
 
 STEP_TIMES, DOUBLE_TIMES = 3.76, 0.3
-"""Duration of a step, and of its double support, in sqrt(height / g)."""
+"""Duration of a step and of its double support, in sqrt(height / g)."""
 SHORTEST, LONGEST_TIME = 0.9, 1.7
-"""Durations of the shortest and the longest step in time with a performer, relative to the gait's. Shorter steps need
-faster servos, and longer ones bend legs more."""
+"""Shortest and longest step in time with a performer, relative to the gait's: servos need speed, and legs bend."""
 WALKING_HEIGHT = 0.94
 """Height of the centre of mass in a walk, relative to `stand`."""
 STRAIGHTEST, REACHING, LOWER = 1.032, 1.0745, 0.284
-"""Height of the mass over one foot, relative to the gait's: knees that are straighter must turn too fast. On both feet
-it is at most REACHING less LOWER times the step (in heights), so that legs reach forward and back."""
+"""Height of the mass over one foot, relative to the gait's, and on both: at most REACHING less LOWER times the step, so
+that legs reach forward and back."""
 LIFT = 0.043
-"""Greatest height of the swing foot, relative to the gait's. Knees need torque for more."""
+"""Greatest height of the swing foot, relative to the gait's."""
 LONGEST = 0.45
-"""Longest step, relative to the height. In longer ones bent legs come close to the trunk."""
+"""Longest step, relative to the height."""
 FORWARD, SIDEWAYS, TURN = 0.0972, 0.026, 0.0472
-"""Fastest walk forward and sideways, in sqrt(g height), and turn, in sqrt(g / height). OP3 at 0.18 m/s stumbles, as
-hips and knees need more acceleration than they have."""
+"""Fastest walk forward and sideways, in sqrt(g height), and turn, in sqrt(g / height)."""
 MOST_EASE_S = 0.9
-"""Longest time in which a robot gets to its walking height and upright, s."""
+"""Longest time to the walking height and an upright trunk, s."""
 LONGEST_STOP_S = 3.8
 """Longest stop of a walking robot, s: the supervisor allows 0.2 s more."""
 
 
 def gait_of(robot: RobotBody, stance: Stance, *, dt: float) -> Gait:
-    """The gait of a robot in its stance on two soles, for ticks of `dt` s."""
+    """Gait of a robot in its stance on two soles, for ticks of `dt` s."""
     height = WALKING_HEIGHT * float(robot.body.solver_body().centre_of_mass(stance.q[None])[0, 2])
     time = sqrt(height / GRAVITY)
     left, right = (sole.outline.mean(axis=0) for sole in stance.soles)
@@ -61,16 +58,16 @@ def gait_of(robot: RobotBody, stance: Stance, *, dt: float) -> Gait:
 
 
 def fastest(gait: Gait) -> Request:
-    """The fastest velocity that a robot of this gait may walk at."""
+    """Greatest velocity of a robot with this gait."""
     speed = sqrt(GRAVITY * gait.height)
     return Request(FORWARD * speed, SIDEWAYS * speed, TURN * speed / gait.height)
 
 
 def clipped(gait: Gait, request: Request, time: float) -> Request:
-    """Scale a request to what the robot can walk in a step of `time` s: a long step leaves legs little to reach."""
+    """The request within what the robot can walk in a step of `time` s."""
     most = fastest(gait)
     turn = min(max(request.turn, -most.turn), most.turn)
-    reach = gait.longest - 0.5 * gait.width * abs(sin(turn * time))  # soles that turn are before and behind each other
+    reach = gait.longest - 0.5 * gait.width * abs(sin(turn * time))  # soles that turn are not side by side
     forward, left = min(most.forward, reach / time), most.left * min(gait.period / time, 1.0)
     length = max(hypot(request.forward / forward, request.left / left), 1.0)
     return Request(request.forward / length, request.left / length, turn)
@@ -90,11 +87,11 @@ SOLES = 2
 def with_steps(
     priorities: Priorities, robot: RobotBody, requested: Steps | None, *, parts: str, mass: bool = False
 ) -> tuple[Priorities, tuple[str, ...]]:
-    """Return the priorities with `requested` as their `steps`, and notes for the operator. A robot that is too weak for
-    one leg, or cannot get its mass over it, stays planted.
+    """Priorities with `requested` as their `steps`, and notes for the operator: a robot too weak for one leg stays
+    planted.
 
-    requested: None keeps those of the file. parts: of the robot that follow. mass: True for a robot with mass. Raises
-    UsageError or ConfigError for steps that this robot, as mounted, cannot make.
+    requested: None keeps those of the file. parts: that follow. mass: True for a robot with mass. Raises UsageError or
+    ConfigError for steps that this robot cannot make.
     """
     steps = priorities.steps if requested is None else requested
     notes: tuple[str, ...] = ()
@@ -118,7 +115,7 @@ def with_steps(
 
 
 def _fault(steps: Steps, robot: RobotBody, parts: str) -> tuple[str, str] | None:
-    """The reason why these steps are impossible, and the next step of the user; None: they are possible."""
+    """Reason why these steps are impossible, and next step of the user; None: they are possible."""
     name = robot.profile.name
     if steps == "follow" and robot.stands:
         return f"{name} stands on its own soles", "Choose --steps walk, or hang it (--bus physics --mount gantry)"
@@ -139,7 +136,7 @@ def _fault(steps: Steps, robot: RobotBody, parts: str) -> tuple[str, str] | None
 
 
 def _unable(robot: RobotBody, *, mass: bool) -> str | None:
-    """The reason why a robot that may walk stays planted; None: it walks."""
+    """Reason why a robot stays planted; None: it walks."""
     load, missed = on_one_leg(robot)
     gait = gait_of(robot, plant(robot, robot.profile.postures.stand), dt=1.0 / robot.profile.safety.rate_hz)
     stop = (1.0 + LONGEST_TIME) * gait.period + max(MOST_EASE_S, CATCH / gait.omega) + EASE / gait.omega

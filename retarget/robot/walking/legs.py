@@ -10,7 +10,7 @@ import numpy as np
 from retarget._solver import Braking
 from retarget.arithmetic import cos, sin
 from retarget.ik.hierarchy import Hierarchy
-from retarget.ik.support_polygon import Sole, Stance, footing
+from retarget.ik.support_polygon import Stance, footing
 from retarget.ik.tasks import SlotKind
 from retarget.ik.whole_body_stop import StopPath
 from retarget.model.body import JointLimits
@@ -18,7 +18,7 @@ from retarget.model.robot import TRUNK, RobotBody
 from retarget.robot.following_limits import servo_limits
 from retarget.robot.landmarks import PELVIS, UP
 from retarget.robot.walking.gait import fastest, gait_of
-from retarget.robot.walking.pattern import Foothold, Request
+from retarget.robot.walking.pattern import Request
 from retarget.robot.walking.travel import Travel, WalkTally
 from retarget.robot.walking.walker import Walker
 from retarget.rotations import Quat, Vector, as_quat, as_vector, axis_turn, product, rotated
@@ -56,18 +56,18 @@ class StancePlace:
         return StancePlace(x, y, -self.yaw)
 
     def point(self, local: Vector) -> Vector:
-        """Return a point, m, of the stance's world in the world."""
+        """Point, m, of the stance's world in the world."""
         x, y, z = rotated(self.turn, local)
         return self.x + x, self.y + y, z
 
     def points(self, local: FloatArray) -> FloatArray:
-        """Return points (..., 3) m of the stance's world in the world."""
+        """Points (..., 3) m of the stance's world in the world."""
         c, s = cos(self.yaw), sin(self.yaw)
         x, y, z = np.moveaxis(local, -1, 0)
         return np.stack([self.x + c * x - s * y, self.y + s * x + c * y, z], axis=-1)
 
     def postures(self, q: FloatArray) -> FloatArray:
-        """Return postures (k, nq) of the stance's world in the world."""
+        """Postures (k, nq) of the stance's world in the world."""
         moved = q.copy()
         moved[:, :3] = self.points(q[:, :3])
         for row in moved:
@@ -75,32 +75,10 @@ class StancePlace:
         return moved
 
     def velocity(self, local: FloatArray) -> FloatArray:
-        """Return a velocity (nv,), root first, of the stance's world in the world."""
+        """Velocity (nv,), root first, of the stance's world in the world."""
         moved = local.copy()
         moved[:3] = rotated(self.turn, as_vector(local[:3]))
         return moved
-
-
-def place_of(stance: Stance, feet: tuple[Foothold, Foothold]) -> StancePlace:
-    """Return the place of a stance whose soles have their middles on these footholds."""
-    middle = 0.5 * (feet[0].place + feet[1].place)
-    yaw = 0.5 * (feet[0].yaw + feet[1].yaw)
-    own = 0.5 * (stance.soles[0].outline.mean(axis=0) + stance.soles[1].outline.mean(axis=0))
-    x, y, _ = StancePlace(yaw=yaw).point((float(own[0]), float(own[1]), 0.0))
-    return StancePlace(float(middle[0]) - x, float(middle[1]) - y, yaw)
-
-
-def soles_at(stance: Stance, place: StancePlace) -> list[Sole]:
-    """Return the soles of a stance at a place."""
-    return [
-        replace(
-            sole,
-            position=np.array(place.point(as_vector(sole.position))),
-            orientation=np.array(product(place.turn, as_quat(sole.orientation))),
-            outline=place.points(np.insert(sole.outline, 2, 0.0, axis=1))[:, :2],
-        )
-        for sole in stance.soles
-    ]
 
 
 class Legs:
@@ -139,7 +117,17 @@ class Legs:
         self._walker, self._travel = None, None
 
     def _plant(self) -> None:
-        self.footing = footing(self._robot.kinematics, soles_at(self._stance, self._place))
+        place = self._place
+        soles = [
+            replace(
+                sole,
+                position=np.array(place.point(as_vector(sole.position))),
+                orientation=np.array(product(place.turn, as_quat(sole.orientation))),
+                outline=place.points(np.insert(sole.outline, 2, 0.0, axis=1))[:, :2],
+            )
+            for sole in self._stance.soles
+        ]
+        self.footing = footing(self._robot.kinematics, soles)
 
     @property
     def walks(self) -> bool:
@@ -147,7 +135,7 @@ class Legs:
         return self._walker is not None and self._walker.path is not None
 
     def tally(self) -> WalkTally:
-        """Return the totals of the walk so far."""
+        """Totals of the walk so far."""
         steps, travel = 0 if self._walker is None else self._walker.steps, self._travel
         if travel is None:
             return WalkTally(steps)
@@ -155,7 +143,7 @@ class Legs:
         return WalkTally(steps, walked, desired, degrees(turned), degrees(desired_turn))
 
     def desired(self, human: "HumanPosture", dt: float) -> Request | None:
-        """Return the desired velocity in the robot's own frame; None: stand."""
+        """Desired velocity in the robot's own frame; None: stand."""
         if self._travel is None:
             gait = gait_of(self._robot, self._stance, dt=dt)
             self._travel = Travel(gait, fastest(gait), scale=self._scale)
@@ -163,7 +151,7 @@ class Legs:
         return self._travel.step(human, speed) if self.velocity is None else self._travel.steer(speed, self.velocity)
 
     def fastest(self, dt: float) -> Request:
-        """Return the greatest velocity, in ticks of `dt` s."""
+        """Greatest velocity, in ticks of `dt` s."""
         return fastest(gait_of(self._robot, self._stance, dt=dt))
 
     def begin(self, stop: StopPath | None, q: FloatArray, velocity: FloatArray, dt: float) -> None:
@@ -208,11 +196,15 @@ class Legs:
         """Stand at the end of the walk."""
         if self._walker is not None:
             self._walker.stand()
-            self._place = place_of(self._stance, self._walker.feet)
+            left, right = self._walker.feet
+            middle, yaw = 0.5 * (left.place + right.place), 0.5 * (left.yaw + right.yaw)
+            own = 0.5 * (self._stance.soles[0].outline.mean(axis=0) + self._stance.soles[1].outline.mean(axis=0))
+            x, y, _ = StancePlace(yaw=yaw).point((float(own[0]), float(own[1]), 0.0))
+            self._place = StancePlace(float(middle[0]) - x, float(middle[1]) - y, yaw)
             self._plant()
 
     def stop(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath:
-        """Return the stop, world: the rest of the path, while other joints brake in proportion. q (nq,), velocity
+        """Stop, world: the rest of the path, while other joints brake in proportion. q (nq,), velocity
         (nv,): in the world of the stance."""
         walker = self._walker
         assert walker is not None and walker.path is not None and self._brakes is not None, "it walks"
@@ -265,7 +257,7 @@ class Legs:
     # Between the world of the stance and the world.
 
     def in_world(self, q: FloatArray) -> FloatArray:
-        """Return a posture (nq,) in the world."""
+        """Posture (nq,) in the world."""
         walker = self._walker
         if walker is not None and walker.path is not None:  # to the bit, as the gate verified the path
             now: FloatArray = walker.path.postures[walker.row].copy()
@@ -274,17 +266,17 @@ class Legs:
         return q if self._place.is_origin else self._place.postures(q[None])[0]
 
     def points_in_world(self, points: FloatArray) -> FloatArray:
-        """Return points (..., 3) m in the world."""
+        """Points (..., 3) m in the world."""
         return points if self._place.is_origin else self._place.points(points)
 
     def seen(self, q: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return a posture (nq,) and a velocity (nv,) of the world in that of the stance."""
+        """Posture (nq,) and a velocity (nv,) of the world in that of the stance."""
         if self._place.is_origin:
             return q, velocity
         back = self._place.inverse
         return back.postures(q[None])[0], back.velocity(velocity)
 
     def moved(self, stop: StopPath) -> StopPath:
-        """Return the stop of a standing robot in the world."""
+        """Stop of a standing robot in the world."""
         postures = stop.postures if self._place.is_origin else self._place.postures(stop.postures)
         return StopPath(postures, self.footing)

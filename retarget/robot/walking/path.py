@@ -1,7 +1,6 @@
 """Paths of a walking robot: postures of root and legs for a step pattern, tick by tick, until it stands on both feet.
 
-Soles have priority over the centre of mass, and that over an upright pelvis. Other joints keep the angles that they
-have when a path begins.
+Soles have priority over the centre of mass, and that over an upright pelvis. Other joints keep their angles.
 """
 
 from dataclasses import dataclass, replace
@@ -22,9 +21,9 @@ ROOT = 1
 
 @dataclass(frozen=True, eq=False)
 class WalkPath:
-    """A path to a stand. postures (k, nq): m, wxyz and rad, world; pattern: of as many rows. step: the first step,
-    before one that brings the feet together; None: the robot only comes to rest. touchdown: last row of the step.
-    speed: mean velocity of the step. since: row of the path before from which this one goes on."""
+    """A path to a stand. postures (k, nq): world; pattern: of as many rows. step: the first, before one that brings the
+    feet together; None: the robot comes to rest. touchdown: last row of the step; speed: its mean velocity. since: row
+    of the path before."""
 
     postures: FloatArray
     pattern: Pattern
@@ -41,8 +40,8 @@ class WalkPath:
 
 @dataclass(frozen=True, eq=False)
 class Sketch:
-    """A path in the making. path: without postures; postures: so far. velocity (nv,): in the first. offset (3,) m,
-    turned (3,) rad: of centre of mass and root from the pattern there, which fade within `ease` ticks."""
+    """A path in the making. postures: so far. velocity (nv,): in the first. offset (3,) m, turned (3,) rad: of mass and
+    root from the pattern, which fade within `ease` ticks."""
 
     path: WalkPath
     postures: list[FloatArray]
@@ -90,13 +89,13 @@ class PathPlanner:
         return self._body.difference(before, now) / self._gait.dt
 
     def off(self, q: FloatArray, mass: FloatArray, yaw: float) -> tuple[FloatArray, FloatArray]:
-        """Offset (3,) m of the centre of mass of a posture (nq,) from a place (3,) m, and turn (3,) rad of its root
-        from upright at a yaw, rad."""
+        """Offset (3,) m of a posture's centre of mass from a place, and turn (3,) rad of its root from upright at a
+        yaw."""
         root = as_quat(self._body.orientations(q[None], [ROOT])[0, 0])
         return self.mass(q) - mass, np.array(rotation_vector(product(root, inverse(self._pelvis(yaw)))))
 
     def advance(self, sketch: Sketch, rows: int) -> WalkPath | None:
-        """Make some more rows of a path. Returns the path once it is whole, else None."""
+        """Make some more rows. Returns the path once it is whole, else None."""
         solver, pattern, done = self._solver, sketch.path.pattern, len(sketch.postures)
         if done == 1:
             solver.reset(sketch.postures[0], sketch.velocity)
@@ -110,8 +109,7 @@ class PathPlanner:
         return replace(sketch.path, postures=np.array(sketch.postures))
 
     def _aim(self, soles: FloatArray, mass: FloatArray, yaw: float, turned: FloatArray) -> None:
-        """Write the targets of a row: soles (2, 4), centre of mass (3,) m, yaw of the trunk, rad, and its turn (3,)
-        rad."""
+        """Write the targets of a row: soles (2, 4), centre of mass (3,) m, yaw and turn (3,) of the trunk, rad."""
         targets = self._targets
         for k, (sole, middle, pose) in enumerate(zip(self._soles, self._middles, soles, strict=True)):
             about = turn((0.0, 0.0, float(pose[3])))
@@ -122,5 +120,4 @@ class PathPlanner:
         targets[self._root] = (1.0, *product(turn(as_vector(turned)), self._pelvis(yaw)))
 
     def _pelvis(self, yaw: float) -> Quat:
-        """Orientation wxyz of an upright pelvis."""
         return product(turn((0.0, 0.0, yaw)), self._upright)

@@ -1,16 +1,13 @@
-"""Step pattern of a walking robot: its soles, zero-moment point and centre of mass, tick by tick, through steps to a
-stand.
+"""Step pattern of a walking robot: soles, zero-moment point and centre of mass, tick by tick, through steps to a stand.
 
-The mass is a linear inverted pendulum of constant height h, w = sqrt(g/h), with zero-moment point z (T. Takenaka et
-al., IROS 2009; J. Englsberger et al., IEEE T-RO 31(2), 2015):
+The mass is a linear inverted pendulum, w = sqrt(g/h), with zero-moment point z (Takenaka et al., IROS 2009; Englsberger
+et al., IEEE T-RO 31(2), 2015):
 
-    xi  = c + c'/w     xi'  =  w (xi - z)      divergent component of motion
-    eta = c - c'/w     eta' = -w (eta - z)     convergent one;  c = (xi + eta)/2,  c' = w (xi - eta)/2
+    xi  = c + c'/w,   xi'  =  w (xi - z)      divergent component
+    eta = c - c'/w,   eta' = -w (eta - z)     convergent component
 
-Steps prescribe z. xi is integrated backward from the final stand, and eta forward, which are both stable. Both are
-linear in z, so two bumps of z, at start and end, meet the initial xi and the final eta.
-
-Data are in the plane of the floor: m, s, rad, x forward and y left.
+Steps prescribe z. xi is integrated backward from the final stand, eta forward. Two bumps of z meet the initial xi and
+the final eta. Units are m, s, rad, on the floor, x forward and y left.
 """
 
 from collections.abc import Sequence
@@ -27,25 +24,21 @@ from retarget.types import BoolArray, FloatArray
 LEFT, RIGHT = 0, 1
 OUTWARD = (1.0, -1.0)
 """Sign of y on the outer side of each foot."""
-# Times in 1/w. Shorter ones move the zero-moment point further. These keep it 3 cm inside OP3's soles.
+# Times in 1/w, which keep the zero-moment point 3 cm inside OP3's soles.
 RAMP = 1.3
-"""Time in which the zero-moment point goes between a sole and the middle of both."""
+"""Time of the zero-moment point between a sole and the middle of both."""
 CATCH = 2.0
-"""Time in which the mass takes up a new plan at the start of a path."""
+"""Time to take up a new plan at the start of a path."""
 EASE = 3.9
-"""Time in which the mass comes to rest after the last step."""
+"""Time to come to rest after the last step."""
 ROLL = 0.35
-"""The zero-moment point moves forward on a single sole by this share of a step, which shortens the reach of legs."""
+"""Movement of the zero-moment point on a single sole, relative to the step: legs reach less far."""
 
 
 @dataclass(frozen=True)
 class Gait:
-    """Times and sizes of steps, m.
-
-    ticks: of a step, of `dt` s each; least_ticks, most_ticks: of one in time with a performer; double_ticks: of its
-    double support. height: of the centre of mass; width: between the soles' centres; lift: of the swing foot; longest:
-    step forward.
-    """
+    """Times and sizes of steps. ticks: of `dt` s; least_ticks, most_ticks: in time with a performer; double_ticks:
+    double support. height: of the centre of mass; width: between soles; lift: of the swing foot; longest: step, m."""
 
     ticks: int
     least_ticks: int
@@ -68,13 +61,13 @@ class Gait:
         return sqrt(GRAVITY / self.height)
 
     def natural(self, time: float) -> int:
-        """Return the ticks in a time in 1/w."""
+        """Ticks in a time in 1/w."""
         return round(time / (self.omega * self.dt))
 
 
 @dataclass(frozen=True)
 class Request:
-    """Requested velocity in the robot's own frame: forward and left m/s, turn rad/s."""
+    """Requested velocity in the robot's frame: m/s, m/s, rad/s."""
 
     forward: float = 0.0
     left: float = 0.0
@@ -83,8 +76,8 @@ class Request:
 
 @dataclass(frozen=True)
 class Swing:
-    """A swing of a performer's foot to keep step with. foot: LEFT or RIGHT; since: s since its middle; period: s from
-    there to the middle of the other foot's."""
+    """A performer's swing to keep step with. foot: LEFT or RIGHT; since: its middle, s ago; period: to that of the
+    other foot, s."""
 
     foot: int
     since: float
@@ -99,14 +92,13 @@ class Foothold:
     yaw: float
 
     def moved(self, offset: FloatArray, turn: float = 0.0) -> "Foothold":
-        """Return the foothold at `offset` (2,) m in the frame of this one, turned by `turn` rad."""
+        """Foothold at `offset` (2,) m in the frame of this one, turned by `turn` rad."""
         return Foothold(self.place + rotated(offset, self.yaw), self.yaw + turn)
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step. carrying: LEFT or RIGHT; target: of the other sole; double, single: ticks of double and single
-    support."""
+    """One step. carrying: LEFT or RIGHT; target: of the other sole; double, single: ticks of support."""
 
     carrying: int
     target: Foothold
@@ -116,9 +108,8 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """A walk, tick by tick. divergent, convergent: components of the mass; zmp: zero-moment point, (k, 2) m each;
-    height (k,) m of the mass. soles (k, 2, 4): x, y, z m and yaw rad, left and right. carries (k, 2): True in
-    contact."""
+    """A walk, tick by tick. divergent, convergent, zmp: (k, 2) m; height: (k,) m, of the mass; soles: (k, 2, 4), x, y,
+    z and yaw; carries: (k, 2), True in contact."""
 
     divergent: FloatArray
     convergent: FloatArray
@@ -134,41 +125,40 @@ class Pattern:
 
     @property
     def yaws(self) -> FloatArray:
-        """Yaw (k,) rad of the trunk: the mean of both soles'."""
+        """Yaw (k,) rad of the trunk."""
         return 0.5 * (self.soles[:, 0, 3] + self.soles[:, 1, 3])
 
     def feet(self, row: int) -> tuple[Foothold, Foothold]:
-        """Return both footholds in a row of double support."""
+        """Both footholds in a row of double support."""
         left, right = (Foothold(sole[:2], float(sole[3])) for sole in self.soles[row])
         return left, right
 
 
 def rotated(vector: FloatArray, yaw: float) -> FloatArray:
-    """Return a vector (2,) turned by `yaw` rad."""
+    """Vector (2,) turned by `yaw` rad."""
     c, s = cos(yaw), sin(yaw)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
 
 
 def smooth(u: FloatArray) -> FloatArray:
-    """Return 3u^2 - 2u^3 for u within 0 to 1."""
+    """3u^2 - 2u^3 within 0 to 1."""
     u = np.minimum(np.maximum(u, 0.0), 1.0)
     return u * u * (3.0 - 2.0 * u)
 
 
 def bump(u: FloatArray) -> FloatArray:
-    """Return 64 u^3 (1-u)^3 for u within 0 to 1, whose velocity and acceleration vanish at both ends."""
+    """64 u^3 (1-u)^3 within 0 to 1, whose first two derivatives vanish at both ends."""
     u = np.minimum(np.maximum(u, 0.0), 1.0)
     square = u * (1.0 - u)
     return 64.0 * square * square * square
 
 
 PEAK = 5.53
-"""Greatest second derivative of `modified_sine`."""
 
 
 def modified_sine(u: float) -> float:
-    """Return the modified sine cam from 0 to 1, whose velocity and acceleration vanish at both ends. Its greatest
-    velocity, 1.76, is less than that of minimum jerk, 1.88: servos lack speed first."""
+    """Modified sine cam, whose first two derivatives vanish at both ends. Its greatest velocity, 1.76, is less than
+    1.88 of minimum jerk."""
     u = min(max(u, 0.0), 1.0)
     if u > 0.5:
         return 1.0 - modified_sine(1.0 - u)
@@ -178,8 +168,8 @@ def modified_sine(u: float) -> float:
 
 
 def next_foothold(gait: Gait, support: Foothold, request: Request, swinging: int, time: float) -> Foothold:
-    """Return the foothold of the swing foot in a step of `time` s. Sideways only the foot on that side moves, so that
-    soles keep the width."""
+    """Foothold of the swing foot in a step of `time` s. Sideways only the outer foot moves, so that soles keep their
+    width."""
     side, turn = OUTWARD[swinging], request.turn * time
     sideways = 2.0 * request.left * time if side * request.left > 0.0 else 0.0
     half = np.array([0.0, 0.5 * side * gait.width])
@@ -187,17 +177,15 @@ def next_foothold(gait: Gait, support: Foothold, request: Request, swinging: int
 
 
 def standing(feet: tuple[Foothold, Foothold], mass: FloatArray, ticks: int) -> Pattern:
-    """Return the pattern of a robot at rest on both feet for some ticks, its mass at (3,) m."""
+    """Rest on both feet for some ticks, with the mass at (3,) m."""
     place, height = np.tile(mass[:2], (ticks, 1)), np.full(ticks, mass[2])
     soles = np.array([[*foot.place, 0.0, foot.yaw] for foot in feet])
     return Pattern(place, place, place, height, np.tile(soles, (ticks, 1, 1)), np.ones((ticks, 2), dtype=np.bool_))
 
 
 def walk(gait: Gait, begun: Pattern, row: int, steps: Sequence[Step], heights: tuple[float, float]) -> Pattern:
-    """Return the pattern from a row of `begun` in double support through steps to a stand between both feet.
-
-    heights: of the mass, m, in double support and in the middle of a step.
-    """
+    """Pattern from a row of `begun` in double support through steps to a stand. heights: of the mass, m, in double
+    support and in mid-step."""
     soles, carries, zmp = [begun.soles[row : row + 1]], [np.ones((1, 2), dtype=np.bool_)], [begun.zmp[row : row + 1]]
     risen = [np.zeros(1)]
     for step in steps:
@@ -227,7 +215,7 @@ def walk(gait: Gait, begun: Pattern, row: int, steps: Sequence[Step], heights: t
 
 
 def _swing(gait: Gait, sole: FloatArray, target: Foothold, u: FloatArray) -> FloatArray:
-    """Path (k, 4) of the swing sole, at shares u (k,) of the time from 0 to 1."""
+    """Path (k, 4) of the swing sole at shares u (k,) of its time."""
     share = np.array([modified_sine(one) for one in u.tolist()])
     to = np.array([*target.place, 0.0, target.yaw])
     path = sole + share[:, None] * (to - sole)
@@ -237,7 +225,6 @@ def _swing(gait: Gait, sole: FloatArray, target: Foothold, u: FloatArray) -> Flo
 
 
 def _transfer(gait: Gait, at: FloatArray, middle: FloatArray, to: FloatArray, ticks: int) -> FloatArray:
-    """Path (k, 2) m of the zero-moment point over the middle of both soles."""
     ramp, t = min(gait.natural(RAMP), ticks), np.arange(1, ticks + 1)[:, None]
     return at + smooth(t / ramp) * (middle - at) + smooth((t - (ticks - ramp)) / ramp) * (to - middle)
 
@@ -245,14 +232,14 @@ def _transfer(gait: Gait, at: FloatArray, middle: FloatArray, to: FloatArray, ti
 def _through(
     gait: Gait, zmp: FloatArray, divergent: FloatArray, convergent: FloatArray, middle: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Components (k, 2) m of the mass, from their initial values (2,) m to rest in the middle (2,) m. Adds two bumps to
-    `zmp` (k, 2) m in place."""
+    """Components (k, 2) m of the mass, from their initial values to rest in the middle. Adds two bumps to `zmp` in
+    place."""
     count, kept = len(zmp), exp(-gait.omega * gait.dt)
     ticks = np.arange(count)[:, None]
     early = bump(ticks / min(gait.natural(CATCH), count - 1))
     late = bump((ticks - (count - 1 - gait.natural(EASE))) / gait.natural(EASE))
     off = divergent - _divergent(zmp, middle, kept)[0], middle - _convergent(zmp, convergent, kept)[-1]
-    # The bumps change xi at the start by a, b and eta at the end by c, d. Heights h solve [[a, b], [c, d]] h = off.
+    # Bumps of heights h change xi at the start by a, b and eta at the end by c, d: [[a, b], [c, d]] h = off.
     rest = np.zeros(1)
     a, b = (float(_divergent(one, rest, kept)[0, 0]) for one in (early, late))
     c, d = (float(_convergent(one, rest, kept)[-1, 0]) for one in (early, late))
@@ -261,8 +248,8 @@ def _through(
 
 
 def _divergent(zmp: FloatArray, end: FloatArray, kept: float) -> FloatArray:
-    """Divergent component (k, n) m that ends at (n,) m, for a zero-moment point (k, n) m that is constant between
-    ticks, at the mean of both. kept: exp(-w dt)."""
+    """Divergent component (k, n) m that ends at (n,) m, for a zero-moment point at the mean of both ticks. kept: exp(-w
+    dt)."""
     columns = []
     for row, last in zip(zmp.T.tolist(), end.tolist(), strict=True):
         path = [last]
@@ -274,5 +261,5 @@ def _divergent(zmp: FloatArray, end: FloatArray, kept: float) -> FloatArray:
 
 
 def _convergent(zmp: FloatArray, start: FloatArray, kept: float) -> FloatArray:
-    """Convergent component (k, n) m that starts at (n,) m, by `_divergent` in reversed time."""
+    """Convergent component (k, n) m that starts at (n,) m: time reversed."""
     return _divergent(zmp[::-1], start, kept)[::-1]

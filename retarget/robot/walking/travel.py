@@ -1,7 +1,6 @@
 """Travel of a performer: the velocity of a walking robot, from the path of the performer's feet and their heading.
 
-The robot begins to walk when the performer lifts their feet in turn, and ends when both stay down. It makes up for a
-backlog of at most two steps.
+The robot begins to walk when the performer lifts their feet in turn, and ends when both stay down.
 """
 
 from collections import deque
@@ -20,33 +19,31 @@ if TYPE_CHECKING:
     from retarget.types import HumanPosture
 
 STRIDE_S, LONGEST_S = 2.0, 5.0
-"""Duration of an unknown stride, and the longest, s. The performer's velocity is a mean over a stride, within which
-pelvis and shoulders swing."""
+"""Duration of an unknown and of the longest stride, s, over which the performer's velocity is a mean."""
 STEP_S = 0.7
 """Duration of an unknown step, s."""
 SEEN_S = 0.5 * (LIFT_DWELL_S + TOUCHDOWN_DWELL_S) + FOOT_SPEED_SETTLE_S
-"""Delay with which the middle of a swing is detected, s."""
+"""Delay of a detected swing, s."""
 CATCH_UP_S = 2.5
-"""Time constant of making up for the backlog while the performer walks, s."""
+"""Time constant of making up for a backlog, s."""
 LEASH = 2.0
 """Greatest backlog, in steps at full speed."""
 MOST_TURN = 1.5
-"""Greatest backlog of turning while the performer walks, rad."""
+"""Greatest backlog of turning during a walk, rad."""
 LIFTED_S, LIFTED = 0.7, 0.4
-"""Time since the last swing after which a performer stands, s, or as a share of a stride if that is longer."""
+"""Time since the last swing after which a performer stands, s or in strides, whichever is longer."""
 ONE_LEG_S = 3.0
-"""A performer with one foot in the air for longer stands on one leg, s."""
+"""Time on one foot after which a performer stands, s."""
 SLOWEST = 0.25
-"""Speed, relative to the robot's fastest, from which a single lifted foot begins a walk."""
+"""Speed from which a single lifted foot begins a walk, relative to the robot's fastest."""
 LEFT_OVER = 0.5
-"""Backlog, in steps at full speed, that is not worth another step."""
+"""Backlog, in steps at full speed, that is not made up for."""
 _FOOT = {Carrying.LEFT: 1, Carrying.RIGHT: 0}
 
 
 @dataclass(frozen=True)
 class WalkTally:
-    """Totals of a walk: steps made; metres and degrees that the robot went, and that the performer (scaled by the leg)
-    or the stick requested."""
+    """Totals of a walk: by the robot, and requested by the performer (scaled by the leg) or the stick."""
 
     steps: int = 0
     walked_m: float = 0.0
@@ -56,7 +53,7 @@ class WalkTally:
 
 
 class Strides:
-    """Detects swings of a performer's feet, and from them whether they walk (`walks`)."""
+    """Detects a performer's swings, and whether they walk (`walks`)."""
 
     def __init__(self, dt: float) -> None:
         """dt: s between ticks."""
@@ -64,7 +61,7 @@ class Strides:
         self._in_air = [inf, inf]  # s since each foot was in the air
         self._lifts = list[float]()  # s since the last three lifts of a foot
         self._foot = 0  # the foot of the last lift
-        self._swung: tuple[int, float] | None = None  # the last foot that swung, and s since the middle of its swing
+        self._swung: tuple[int, float] | None = None  # last foot that swung, and s since its middle
 
     @property
     def duration(self) -> float:
@@ -73,7 +70,7 @@ class Strides:
 
     @property
     def swing(self) -> Swing | None:
-        """The last swing of a foot, or the first one in progress; None: there was none."""
+        """The last swing, or the first one in progress; None: there was none."""
         if not self._lifts:
             return None
         period = self._lifts[-2] - self._lifts[-1] if len(self._lifts) == 2 else 0.5 * self.duration
@@ -82,7 +79,7 @@ class Strides:
         return Swing(foot, since, period)
 
     def look(self, carrying: Carrying, *, travels: bool) -> None:
-        """Take in the feet after another tick. travels: their middle moves."""
+        """Take in the feet after a tick. travels: their middle moves."""
         dt, lifted = self._dt, _FOOT.get(carrying)
         self._lifts = [since + dt for since in self._lifts]
         self._swung = (self._swung[0], self._swung[1] + dt) if self._swung else None
@@ -102,13 +99,11 @@ class Strides:
 
 
 class Travel:
-    """Turns the travel of a performer, or the velocity of a stick, into the desired velocity of a robot.
-
-    desired, walked: totals (2,) of distance, m (scaled), and turning, rad. swing: of a performer to keep step with.
-    """
+    """Desired velocity of a robot from one performer's travel, or from a stick. desired, walked: totals (2,), m and
+    rad; swing: to keep step with."""
 
     def __init__(self, gait: Gait, fastest: Request, *, scale: float) -> None:
-        """fastest: of the robot. scale: of lengths, from the performer's leg to the robot's."""
+        """scale: of lengths, from the performer's leg to the robot's."""
         self._scale, self._gait = scale, gait
         self.swing: Swing | None
         self._most = np.array([fastest.forward, fastest.left, fastest.turn])
@@ -116,19 +111,18 @@ class Travel:
         self.resume()
 
     def resume(self) -> None:
-        """Go on after a hold: ignore the performer's travel meanwhile."""
+        """Go on after a hold, without the performer's travel meanwhile."""
         self._strides, self.swing = Strides(self._gait.dt), None
         self._before: tuple[float, float, float] | None = None
         longest = round(LONGEST_S / self._gait.dt) + 1
-        self._gone = deque([np.zeros(3)], longest)  # distance forward and left, m, and turning, rad, at every tick
-        self._sums = deque([np.zeros(3)], longest)  # their sums, for means over a stride
-        self._followed = np.zeros(3)  # the part that was passed on to the robot
+        self._gone = deque([np.zeros(3)], longest)  # forward and left, m, and turning, rad, at every tick
+        self._sums = deque([np.zeros(3)], longest)
+        self._followed = np.zeros(3)
         self._behind = np.zeros(3)
         self._goes = False
 
     def step(self, human: "HumanPosture", robot: Request) -> Request | None:
-        """Return the velocity for the next step after another tick; None: stand. robot: velocity of its present
-        step."""
+        """Velocity for the next step; None: stand. robot: velocity of its present step."""
         dt, step = self._gait.dt, self._gait.period * self._most
         self._gone.append(self._gone[-1] + self._moved(human))
         self._sums.append(self._sums[-1] + self._gone[-1])
@@ -165,8 +159,7 @@ class Travel:
         return None if stick == Request() else stick
 
     def _moved(self, human: "HumanPosture") -> FloatArray:
-        """Movement (3,) of the middle of both feet since the last tick: forward and left, m, scaled, and turning,
-        rad."""
+        """Movement (3,) of the feet since the last tick: forward and left, m, scaled, and turning, rad."""
         left, right = human.joint("l_ankle").tolist(), human.joint("r_ankle").tolist()
         x, y = 0.5 * (left[0] + right[0]), 0.5 * (left[1] + right[1])
         yaw = arctan2(human.heading[1], human.heading[0])

@@ -1,8 +1,7 @@
 """Walker: guides a robot from a stand, step by step, to another stand.
 
-The robot is always on a path that ends standing (`WalkPath`), and the gate verifies each goal with the rest of that
-path. The path of the next step is made during the present one. If no step is requested, or the gate refuses it, the
-robot stays on its path, and tries again where it stands.
+The robot is always on a path that ends standing, and the gate verifies each goal with the rest of that path. The next
+path is made during a step. Without it, or if the gate refuses it, the robot stays on its path.
 """
 
 from math import ceil, sqrt
@@ -35,18 +34,17 @@ from retarget.types import BoolArray, FloatArray
 ROWS = 24
 """Postures of the next path that are made in a tick, at 0.05 ms each."""
 EARLY_S = 0.35
-"""Time before its first row at which the path of a next step is complete, so that arms can make room for the legs,
-s."""
+"""Time by which the next path is early, so that arms can make room for the legs, s."""
 EASE_ACCELERATION, EASE_TURN = 0.4, 6.0
-"""Accelerations to the walking height and to an upright trunk, m/s^2 and rad/s^2: these move the zero-moment point by
-less than 1 cm."""
+"""Accelerations to the walking height and an upright trunk, m/s^2 and rad/s^2, which hardly move the zero-moment
+point."""
 FORESEEN_S = 0.056
 """Time between the postures of legs that arms keep clear of, s."""
 
 
 class Walker:
-    """Guides one robot. path, row: its place on its path; None: it stands. feet: its footholds while it stands, world.
-    steps: number of steps."""
+    """Guides one robot. path, row: its place on a path; None: it stands. feet: while it stands, world. steps: their
+    number."""
 
     def __init__(self, robot: RobotBody, stance: Stance, limits: JointLimits, carrying: BoolArray, gait: Gait) -> None:
         """limits (nv,): for the paths. carrying (nv,): the root and the joints of the legs."""
@@ -76,7 +74,7 @@ class Walker:
         self._stands = True  # no step is requested
 
     def begin(self, stop: FloatArray) -> None:
-        """Begin to walk: first come to rest on a path of postures (k, nq) from the present one."""
+        """Begin to walk, with a stop along postures (k, nq)."""
         pattern = standing(self.feet, self._planner.mass(stop[-1]), len(stop))
         self.path, self.row = WalkPath(stop, pattern, None, len(stop) - 1, Request(), 0), 0
         self._before = self.path, 0
@@ -92,8 +90,7 @@ class Walker:
         return self._stands and self.path is not None and self.row == len(self.path.postures) - 1
 
     def step(self, request: Request | None, q: FloatArray, swing: Swing | None = None) -> None:
-        """Go on by a tick, to `row` of `path`. request: None to stand. q (nq,): the posture. swing: of a performer to
-        keep step with."""
+        """Go on by a tick. request: None to stand. q (nq,): the posture. swing: to keep step with."""
         path = self.path
         assert path is not None, "it walks"
         self._before = path, self.row
@@ -108,15 +105,14 @@ class Walker:
         self.row = min(self.row + 1, len(path.postures) - 1)
 
     def through(self) -> FloatArray:
-        """Postures (k, nq), world, of the next path, of a refused one, or of the rest of this one."""
+        """Postures (k, nq), world, of the next or a refused path, or of the rest of this one."""
         ahead = self._next or self._refused
         path, row = (self.path, self.row) if ahead is None else (ahead, 0)
         assert path is not None, "it walks"
         return path.postures[row :: max(round(FORESEEN_S / self.gait.dt), 1)].copy()
 
     def locate(self, q: FloatArray) -> None:
-        """Go on from a posture (nq,) to which the robot was sent instead: a row of the path before a refused one, or a
-        later row of this one."""
+        """Go on from a posture (nq,) that was sent instead: on the path before, or later on this one."""
         if self.path is None:
             return
         for path, row in ((self.path, self.row), (self.path, self.row + 1), (self._before[0], self._before[1] + 1)):
@@ -135,7 +131,6 @@ class Walker:
         self._before = self.path, self.row
 
     def _plan(self, path: WalkPath, request: Request, q: FloatArray, swing: Swing | None) -> None:
-        """Go on making the next path, or begin one shortly before it is needed."""
         for ahead in (self._next, None if self._sketch is None else self._sketch.path):
             if ahead is not None and ahead.since < self.row:  # too late: the robot goes on to its stand
                 self._next = self._sketch = None
@@ -154,8 +149,7 @@ class Walker:
                 self._sketch = self._sketched(path, since, request, q, swing)
 
     def _sketched(self, path: WalkPath, since: int, request: Request, q: FloatArray, swing: Swing | None) -> Sketch:
-        """Begin a path from row `since` of another: the requested step, one that brings the feet together, and a
-        stand."""
+        """Begin a path from row `since`: the requested step, one that brings the feet together, and a stand."""
         gait, planner = self.gait, self._planner
         first = path.postures[since].copy()
         first[self.others] = q[self.others]
@@ -185,13 +179,13 @@ class Walker:
         return Sketch(made, [first], velocity, *off(heights), double if rests else ticks)
 
     def _heights(self, request: Request, ticks: int) -> tuple[float, float]:
-        """Heights of the mass, m, in a step of so many ticks; see `walking_heights`."""
+        """Heights of the mass, m, in a step of so many ticks."""
         time = ticks * self.gait.dt
         speed = clipped(self.gait, request, time)
         return walking_heights(self.gait, hypot(speed.forward, speed.left) * time)
 
     def _feet(self, before: Step | None, *, left: bool) -> tuple[int, ...]:
-        """The feet that may make the next step after `before`, the better one first."""
+        """Feet that may make the next step, the better one first."""
         if before is not None:
             return (before.carrying,)
         if self._refused is not None and self._refused.step is not None:  # arms make room for that foot
@@ -199,19 +193,18 @@ class Walker:
         return (LEFT, RIGHT) if left else (RIGHT, LEFT)
 
     def _in_time(self, feet: tuple[int, ...], lift: int, swing: Swing | None) -> tuple[int, int]:
-        """The foot of the next step, and its ticks: in time with the performer's feet if their pace allows. lift: ticks
-        until the robot lifts that foot."""
+        """Foot and ticks of the next step, in time with the performer if their pace allows. lift: ticks until then."""
         gait = self.gait
         if swing is None or not gait.least_ticks <= (ticks := round(swing.period / gait.dt)) <= gait.most_ticks:
             return feet[0], gait.ticks
         middle = round(swing.since / gait.dt) + lift + (ticks - gait.double_ticks) // 2
 
         def late(foot: int) -> int:
-            """Ticks by which the middle of that foot's swing is later than the performer's."""
+            """Ticks by which the middle of its swing is late."""
             return (middle - (0 if foot == swing.foot else ticks) + ticks) % (2 * ticks) - ticks
 
         def cure(foot: int) -> float:
-            """Number of steps that make up for that: they can be much longer, and little shorter."""
+            """Number of steps that make up for that."""
             ticks_late = late(foot)
             return max(ticks_late / (ticks - gait.least_ticks + 1), -ticks_late / (gait.most_ticks - ticks + 1))
 

@@ -89,7 +89,7 @@ class WalkingGoals:
         self._feedback = Feedback(robot, stance, gait, self._compliance)
 
     def begin(self, posture: FloatArray) -> Offset:
-        """Return the offset at rest in a posture (n,), rad."""
+        """Offset at rest in a posture (n,), rad."""
         self._feedback.restart()
         return self._standing.begin(posture)
 
@@ -106,7 +106,7 @@ class WalkingGoals:
         ahead: FloatArray,
         walks: bool | None,
     ) -> tuple[FloatArray, Offset]:
-        """Return the goal (n,) rad that holds the robot in a posture (n,), and its offset.
+        """Goal (n,) rad that holds the robot in a posture (n,), and its offset.
 
         nearest: maps a goal to the nearest one within the gate's limits. ahead (n,): the next posture. walks: None for
         as before.
@@ -124,14 +124,14 @@ class WalkingGoals:
         return posture + walked.offset, replace(last, posture=posture, walked=walked)
 
     def _planted(self, before: FloatArray, joints: FloatArray) -> FloatArray:
-        """Return a posture (nq,) with these joints (n,) rad, whose lower sole is in its place of `before`."""
+        """Posture (nq,) with these joints (n,) rad, whose lower sole is in its place of `before`."""
         q = before.copy()
         q[self._robot.servo_columns] = joints
         plant_root(self._robot, before, q)
         return q
 
     def _next(self, last: Walked, posture: FloatArray, ahead: FloatArray) -> Walked:
-        """Return the offset of the next tick, for its posture (n,) and the one after."""
+        """Offset of the next tick, for its posture (n,) and the one after."""
         dt, q = self._gait.dt, self._planted(last.q, posture)
         now, after = self._dynamics.look(q), self._dynamics.look(self._planted(q, ahead))
         accelerations = (after.masses - 2.0 * now.masses + last.places) / (dt * dt)
@@ -196,7 +196,7 @@ class WalkDynamics:
         self._links_beyond, self._soles_beyond = beyond[:, : len(links)], beyond[:, len(links) :]  # (n, k), (n, 2)
 
     def look(self, q: FloatArray) -> LinkStates:
-        """Return the world positions in a posture (nq,)."""
+        """World positions in a posture (nq,)."""
         points, turns, mass = self._probe.read(q)
         first, second = self._ends
         n = second - first
@@ -209,7 +209,7 @@ class WalkDynamics:
         return LinkStates(points[:first], points[first:second], axes, points[second:], np.array(yaws), yaw, mass)
 
     def torques(self, at: LinkStates, accelerations: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the joints' torques (n,) N m in a posture whose link masses accelerate by (k, 3) m/s^2, and the share
+        """Joints' torques (n,) N m in a posture whose link masses accelerate by (k, 3) m/s^2, and the share
         (2,) of the weight on each sole."""
         forces = self._masses[:, None] * (UPWARD + accelerations)
         total, moment = forces.sum(axis=0), np.cross(at.masses, forces).sum(axis=0)
@@ -274,7 +274,7 @@ class Feedback:
         self._measured = self.plan(self._dynamics.look(q), self._measured, share=self._share)
 
     def plan(self, at: LinkStates, before: Planned | None, *, share: float = 1.0) -> Planned:
-        """Return the mass of a posture from both soles, after `before`. share: weight of the new velocity."""
+        """Mass of a posture from both soles, after `before`. share: weight of the new velocity."""
         offsets = np.array(
             [yawed((at.mass - sole)[:2], -yaw) for sole, yaw in zip(at.soles, at.yaws.tolist(), strict=True)]
         )
@@ -286,7 +286,7 @@ class Feedback:
         return Planned(offsets, offsets + velocity / omega)
 
     def correction(self, at: LinkStates, planned: Planned, shares: FloatArray) -> FloatArray:
-        """Return offsets (n,) rad. at: the present posture; planned: at the time of the measurements."""
+        """Offsets (n,) rad. at: the present posture; planned: at the time of the measurements."""
         offset, torque = np.zeros(len(at.axes)), np.zeros(len(at.axes))
         if self._measured is None:
             return offset
