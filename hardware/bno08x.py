@@ -1,8 +1,8 @@
-"""A BNO08x in UART-RVC mode, which sends 100 frames per second at 115,200 baud by itself.
+"""A BNO08x in UART-RVC mode, which sends 100 frames per second at 115,200 baud.
 
 Source: BNO08X datasheet (CEVA/Hillcrest), UART-RVC. A frame has 19 bytes: AA AA, a counter, yaw, pitch and roll (int16,
 0.01 degree, applied in this order), acceleration x, y, z (int16, mg, with gravity), three reserved bytes, and the sum
-of the 16 bytes before, modulo 256. The angular velocity is the change of the orientation, in steps of 0.017 rad/s.
+of the 16 bytes before, modulo 256. The angular velocity is derived, in steps of 0.017 rad/s.
 """
 
 import math
@@ -25,11 +25,11 @@ HEADER = b"\xaa\xaa"
 _BODY = struct.Struct("<B6h3xB")
 FRAME_BYTES = len(HEADER) + _BODY.size
 PERIOD = 0.01
-"""[s] Between two frames."""
+"""[s] Between frames."""
 LONGEST_GAP = 10
-"""Frames over which a change of orientation gives a velocity."""
+"""Frames over which an angle gives a velocity."""
 MOST_BYTES = 50 * FRAME_BYTES
-"""Bytes decoded per cycle, half a second. Older ones are dropped."""
+"""Bytes decoded per cycle, half a second."""
 MOST_YAW, MOST_PITCH = 18000, 9000
 """[0.01 degree] Ranges of yaw and roll, and of pitch."""
 
@@ -56,7 +56,7 @@ class RvcDecoder:
         self.damaged = 0
 
     def feed(self, data: bytes) -> Iterator[RvcFrame]:
-        """Yield the frames that these bytes complete. Never raises."""
+        """Yield the frames that these bytes complete."""
         data = self._rest + data
         if len(data) > MOST_BYTES:
             self.damaged += len(data) - MOST_BYTES
@@ -103,7 +103,7 @@ class SerialImu:
         """Do nothing: the sensor sends by itself."""
 
     def collect(self) -> bool:
-        """Take the frames that have come, without waiting. Raises BusError when the port is gone."""
+        """Take the frames that have come, without waiting."""
         data = self.port.read()
         frames = list(self.decoder.feed(data)) if data else []
         now = self.port.now()

@@ -22,7 +22,7 @@ class ServoAlert(IntFlag):
 
 
 def alert_names(bits: int, meanings: Mapping[ServoAlert, str] | None = None) -> list[str]:
-    """Return the names of the alert bits, with their meanings if given, and undefined bits as a number."""
+    """Return the names of the alert bits, with meanings if given."""
     names = [
         f"{alert.name}" + (f" ({meanings[alert]})" if meanings is not None else "")
         for alert in ServoAlert
@@ -33,13 +33,13 @@ def alert_names(bits: int, meanings: Mapping[ServoAlert, str] | None = None) -> 
 
 
 UNREAD_AFTER_S = 3.0
-"""Age, s, at which a voltage or temperature is discarded. A motor warms by a degree in that time."""
+"""[s] Age at which a voltage or temperature is discarded. A motor warms by a degree in that time."""
 
 
 @dataclass(frozen=True)
 class ServoStates:
     """States of all servos, arrays (n,) in servo order, of the shaft in the servo's own direction. A silent servo keeps
-    its last values."""
+    its values."""
 
     time: float
     """Start of the cycle, s on the bus's clock."""
@@ -54,23 +54,23 @@ class ServoStates:
     temperature: FloatArray
     """Degrees Celsius; NaN as for `voltage`."""
     error: ByteArray
-    """Error byte of the last status packet (bit 7: alert)."""
+    """Error byte of the last status packet."""
     alert: ByteArray
-    """Hardware Error Status as `ServoAlert` bits; 0: healthy."""
+    """`ServoAlert` bits; 0: healthy."""
     age: FloatArray
-    """Time since the last answer, s; 0 if valid, inf before the first."""
+    """Since the last answer, s; inf before the first."""
     valid: BoolArray
     """True if the servo answered in this cycle."""
     driven: BoolArray
-    """True if, by its last report, the servo has torque and its watchdog has not tripped."""
+    """True if, by its last report, the servo follows goals."""
     retries: int = 0
-    """Requests repeated since the bus was opened."""
+    """Since the bus was opened."""
     error_rate: float = 0.0
-    """Share of the cycles of the last 0.05 s with damaged answers and several retries."""
+    """Share of the cycles of 0.05 s with damaged answers and several retries."""
     soles: BoolArray | None = None
-    """True for each sole with floor contact, (k,) in the order of the profile's feet; None if not measured."""
+    """True for each sole with floor contact, (k,) in the profile's order; None if not measured."""
     imu: ImuSample | None = None
-    """Latest sample; None without an IMU."""
+    """Latest sample."""
 
     @cached_property
     def complete(self) -> bool:
@@ -86,13 +86,11 @@ class ServoGoals:
 
 
 class ServoBus(Protocol):
-    """All servos of one robot, on any number of ports. Every method may raise BusError.
-
-    Only `hardware.guard.Guard` may call `write` and `torque(True)`.
-    """
+    """All servos of one robot, on any number of ports. Every method may raise BusError. Only `hardware.guard.Guard` may
+    call `write` and `torque(True)`."""
 
     def open(self) -> None:
-        """Open the ports and check that the expected servos are there. Torque is unchanged."""
+        """Open the ports and check that the expected servos are there."""
 
     def read(self) -> ServoStates:
         """Read one cycle. A missing servo is only marked; a dead bus raises BusError."""
@@ -104,7 +102,7 @@ class ServoBus(Protocol):
         """Limit servos with torque to a share (0, 1] of their full drive, without acknowledgement."""
 
     def torque(self, on: bool) -> None:
-        """Switch the torque of all servos, even if one fails. Raises BusError naming those that did not confirm."""
+        """Switch the torque of all servos. Raises BusError naming those that did not confirm."""
 
     def close(self) -> None:
         """Switch off torque that this bus switched on, then close the ports. Closing twice is allowed."""

@@ -15,7 +15,7 @@ class Clock(Protocol):
         """Return at `deadline`, s, or at once if it has passed."""
 
     def idle(self) -> float:
-        """Return the time, s, from an arbitrary origin, during which this process used no processor."""
+        """Return the time, s, during which this process used no processor."""
 
 
 class MonotonicClock:
@@ -32,12 +32,12 @@ class MonotonicClock:
             time.sleep(remaining)
 
     def idle(self) -> float:
-        """See `Clock`; includes the time of a suspended machine."""
+        """See `Clock`; includes suspension of the machine."""
         return time.clock_gettime(time.CLOCK_BOOTTIME) - time.process_time()
 
 
 class VirtualClock:
-    """A clock on which sleeping takes no time, for tests and fast playback."""
+    """A clock on which sleeping takes no time."""
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start
@@ -56,7 +56,7 @@ class VirtualClock:
         return self._now - self._busy
 
     def advance(self, seconds: float) -> None:
-        """Move the time forward by `seconds` of computing. Raises ValueError for a negative or non-finite step."""
+        """Move the time forward by `seconds` of computing."""
         if not 0.0 <= seconds < float("inf"):
             raise ValueError(f"a clock moves forward by a finite time; found {seconds} s")
         self._now += seconds
@@ -64,8 +64,7 @@ class VirtualClock:
 
 
 class PacedClock(VirtualClock):
-    """A virtual clock that never runs faster than real time, for a simulated run on a screen. On a slow machine virtual
-    time passes more slowly, with the same results."""
+    """A virtual clock that never runs faster than real time, and slower on a slow machine, with the same results."""
 
     def __init__(self, start: float = 0.0, *, wall: Clock | None = None) -> None:
         super().__init__(start)
@@ -73,7 +72,7 @@ class PacedClock(VirtualClock):
         self._behind = self._wall.now() - start  # [s] of real time, less that of this clock
 
     def sleep_until(self, deadline: float) -> None:
-        """Move the time to `deadline`, and return once real time has reached it. Delays are not made up."""
+        """Return once real time has reached `deadline` too. Delays are not made up."""
         super().sleep_until(deadline)
         self._behind = max(self._behind, self._wall.now() - self._now)
         self._wall.sleep_until(self._now + self._behind)
@@ -85,7 +84,7 @@ def today() -> str:
 
 
 def wall_to_monotonic() -> int:
-    """Return the offset, ns, that turns a wall-clock time stamp into monotonic time."""
+    """Return the offset, ns, from wall-clock to monotonic time."""
     before = time.monotonic_ns()
     wall = time.time_ns()
     return (before + time.monotonic_ns()) // 2 - wall
@@ -97,13 +96,13 @@ def thread_cpu() -> float:
 
 
 LATE = 1.35
-"""Periods since the previous tick from which on a tick is late."""
+"""Periods since the previous tick above which a tick is late."""
 LOST = 1.1
-"""Total delay of consecutive late ticks, periods, that the current goal covers."""
+"""Total delay of consecutive late ticks, periods, that a goal covers."""
 
 
 class TickTiming:
-    """Counts late ticks. period: s; inf: no tick is late."""
+    """Counts late ticks. period: s."""
 
     def __init__(self, period: float = inf) -> None:
         self._period = period

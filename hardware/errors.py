@@ -1,46 +1,46 @@
 """The root of the error tree, and the errors of the servo side.
 
-The command line prints every `RetargetError` as one message and exits with 2 (`TorqueError`: 1).
+The command line prints every `RetargetError` and exits with 2 (`TorqueError`: 1).
 """
 
 import re
 
 
 class RetargetError(Exception):
-    """Root of all errors that a user can cause. The text suffices without a traceback."""
+    """Root of all errors that a user can cause."""
 
 
 class HardwareError(RetargetError):
-    """An error of models, maps, buses or the guard."""
+    """An error of the servo side."""
 
     def __init__(
         self, what: str, *, where: str = "", found: object = None, allowed: object = None, then: str = ""
     ) -> None:
-        """what: the fault, with the other parts of `describe`; alone, a whole message."""
+        """what: the fault, or without other parts a whole message."""
         whole = not where and found is None and allowed is None and not then
         super().__init__(what if whole else describe(what=what, where=where, found=found, allowed=allowed, then=then))
 
 
 class BusError(HardwareError):
-    """A bus cannot be opened, read or written."""
+    """A bus cannot be used."""
 
 
 class GuardError(HardwareError):
-    """The guard refuses a command in its present state."""
+    """The guard refuses a command."""
 
 
 class TorqueError(HardwareError):
-    """Torque could not be switched off after a failure. The operator must cut the power."""
+    """Torque could not be switched off. The operator must cut the power."""
 
 
 _ODD = re.compile("[^ -~\\n\\t]")
 SPACES = "\u00a0\u2002\u2003\u2007\u2009\u202f\u3000"
-"""Typographic spaces, which Python counts as not printable."""
+"""Typographic spaces, which are printable here."""
 
 
 def printable(text: str, *, one_line: bool = False) -> str:
-    """Escape control characters, changes of writing direction and lone surrogates as Python does. one_line: also line
-    ends and tabs."""
+    """Escape control characters, changes of writing direction and lone surrogates. one_line: also line ends and
+    tabs."""
     plain = _ODD.sub(
         lambda found: found[0] if found[0].isprintable() or found[0] in SPACES else repr(found[0])[1:-1], text
     )

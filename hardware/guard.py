@@ -32,9 +32,9 @@ class _Seal:
 class CheckedGoal:
     """The goal of one tick; arrays (n,) in servo order, rad, read-only.
 
-    joints: the goals that are sent. posture: the joints under load, without deflection compensation. displacement: in
-    this tick. stop: rows of the braking trajectory. passed: the goal is the checked target, not part of the braking
-    trajectory. compensated: state of the deflection compensation. Raises TypeError unless a gate makes it.
+    joints: sent goals. posture: the joints under load, without deflection compensation. displacement: in this tick.
+    stop: rows of the braking trajectory. passed: the goal is the checked target, not part of a braking trajectory.
+    compensated: state of the deflection compensation. Raises TypeError unless a gate makes it.
     """
 
     joints: FloatArray
@@ -57,7 +57,7 @@ CUT_POWER = " (torque could not be switched off: cut the power)"
 
 
 SUSPENDED_S = 0.5
-"""Idle time within a tick, s, that shows a suspended process. The slowest robot sleeps for 0.02 s."""
+"""[s] Idle time within a tick that shows a suspended process. The slowest robot sleeps for 0.02 s."""
 DID_NOT_RUN = "this process did not run for {:.1f} s: it was suspended, or blocked by a port or a disk"
 FALL_DRIVE = 0.3
 """Share of the drive during a fall. In 12 simulated falls of OP3 it lowered the peak joint load by an eighth, as no
@@ -70,14 +70,13 @@ class Torque(Enum):
     """Torque of the servos, as far as the guard knows."""
 
     OFF = "off"
-    """Off, or never switched by this guard."""
     ON = "on"
     UNCONFIRMED = "unconfirmed"
-    """Unknown: on from an earlier process, or not confirmed as off."""
+    """On from an earlier process, or not confirmed as off."""
 
 
 def text_of(error: BaseException) -> str:
-    """Return an exception as the reason of a stop. A LookupError is named, since its text is a bare key."""
+    """Return an exception as a reason. A LookupError is named, since its text is a bare key."""
     text, kind = str(error).rstrip("."), type(error).__name__
     return f"{kind}: {text}" if text and isinstance(error, LookupError) else text or kind
 
@@ -85,8 +84,7 @@ def text_of(error: BaseException) -> str:
 class Guard:
     """The servos of one robot: read, write, torque, and the latched stop.
 
-    Only a `CheckedGoal` is written, each once, in order, and only with torque on. A stop keeps its first reason and one
-    later fault.
+    Only a `CheckedGoal` is written, once, in order, with torque on. A stop keeps its first reason and one later fault.
     """
 
     def __init__(self, *, bus: ServoBus, joint_map: JointMap, limits: GuardLimits | None = None) -> None:
@@ -95,13 +93,11 @@ class Guard:
         self.health = ServoHealth(joint_map, self.limits)
         self.torque = Torque.OFF
         self.stop: Stop | None = None
-        """The latched stop."""
         self.states: ServoStates | None = None
-        """Servo states read last."""
         self.goal: CheckedGoal | None = None
-        """Goal written last."""
+        """The goal written last."""
         self.sent: TickArray | None = None
-        """Ticks of that goal, (n,)."""
+        """Its ticks, (n,)."""
         self._checked_at: float | None = None  # [s] of the present tick
         self._idle = 0.0  # [s] idle time then
         self._drive_reduced = False
@@ -119,8 +115,7 @@ class Guard:
     def present(self) -> FloatArray:
         """Return the present posture, rad (n,), before arming.
 
-        Raises GuardError when torque is on, or naming all missing, alarmed or unreadable servos; BusError when the bus
-        fails.
+        Raises GuardError when torque is on, or with all servos that are not well; BusError when the bus fails.
         """
         if self.torque is not Torque.OFF or self.stop is not None:
             raise self._impossible("arming")
@@ -136,7 +131,7 @@ class Guard:
     def arm(self, goal: CheckedGoal) -> None:
         """Write the present posture as the goal, then switch torque on. goal: the gate's, for the posture of `present`.
 
-        Raises GuardError for another goal, BusError when the bus fails. A failure while torque may be on is latched.
+        Raises GuardError, or BusError when the bus fails. A failure while torque may be on is latched.
         """
         states = self.states
         if states is None or self.torque is not Torque.UNCONFIRMED:
@@ -160,7 +155,7 @@ class Guard:
         """Check the states of a tick at `now`, s; idle: see `Clock.idle`, s.
 
         Faults are latched, and torque goes off if the robot cannot brake. A long pause is latched too, since the servos
-        have stopped meanwhile.
+        have stopped.
         """
         self._refuse_pause(now, idle)
         self._checked_at, self._idle = now, idle
@@ -174,7 +169,7 @@ class Guard:
             self.latch(fault.cause, fault.reason)
 
     def write(self, goal: CheckedGoal) -> None:
-        """Send the gate's next goal. Raises GuardError for any other, BusError when the bus fails."""
+        """Send the gate's next goal. Raises GuardError for any other."""
         last = self.goal
         if type(goal) is not CheckedGoal or last is None or goal.seal is not last.seal or goal.seal.before is not last:
             raise GuardError("only the next goal of the gate is written", where="guard", found=type(goal).__name__)
@@ -189,8 +184,8 @@ class Guard:
             raise GuardError("only the goal that the gate made last is written", where="guard", found="another goal")
 
     def reduce_drive(self) -> None:
-        """Limit the drive to FALL_DRIVE, so that a falling robot meets the floor compliantly. Following errors are no
-        longer judged. If the bus fails, torque goes off."""
+        """Limit the drive to FALL_DRIVE, so that a falling robot is compliant. Following errors are no longer judged.
+        If the bus fails, torque goes off."""
         try:
             self._bus.limit_drive(FALL_DRIVE)
             self._drive_reduced = True
@@ -198,7 +193,7 @@ class Guard:
             self.switch_off(StopCause.BUS, text_of(error))
 
     def latch(self, cause: StopCause, reason: str) -> None:
-        """Latch a stop. The first reason stays; bearable causes are added up to the first fault of the robot."""
+        """Latch a stop. The first reason stays; bearable causes are added up to the first fault."""
         stop = self.stop
         if stop is None:
             self.stop = Stop(cause, reason)
@@ -208,8 +203,8 @@ class Guard:
             self.stop = replace(stop, reason=f"{stop.reason}, then: {reason}", then=cause)
 
     def switch_off(self, cause: StopCause, reason: str) -> None:
-        """Switch torque off at once and latch it (stop category 0). The stop is latched first, so that an interrupt
-        leaves the advice to cut the power."""
+        """Switch torque off at once and latch it (stop category 0), first of all, so that an interrupt leaves the
+        advice to cut the power."""
         then = None
         if self.stop is not None:
             first, then = self.stop.reason.removesuffix(TORQUE_OFF).removesuffix(CUT_POWER), self.stop.then
@@ -223,8 +218,7 @@ class Guard:
             self._torque_off()
 
     def release(self) -> None:
-        """Switch torque off. A failure or an interrupt is latched, torque is switched off again, and the exception is
-        raised."""
+        """Switch torque off. A failure or an interrupt is latched and raised, and torque is switched off again."""
         try:
             self._torque_off()
         except BaseException as error:

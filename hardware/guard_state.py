@@ -26,7 +26,7 @@ class StopCause(Enum):
     LIMB_LOST = "limb lost"
     """Only servos that carry nothing are silent."""
     NOT_READ = "not read"
-    """Temperature or supply are no longer read."""
+    """Temperature or supply."""
     SERVO_ALERT = "servo alert"
     SERVO_LIMP = "servo limp"
     TEMPERATURE = "temperature"
@@ -41,15 +41,15 @@ class StopCause(Enum):
 
 
 FAULTLESS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
-"""Causes that are no fault of the robot."""
+"""Causes without a fault of the robot."""
 BEARABLE = (*FAULTLESS, StopCause.LIMB_LOST, StopCause.NOT_READ, StopCause.FILTER)
 """Causes with which the robot may still go to rest."""
 
 
 @dataclass(frozen=True)
 class Stop:
-    """A latched stop. powered: a servo did not confirm that its torque is off, so the operator must cut the power.
-    then: a later cause that ended the braking early."""
+    """A latched stop. powered: torque is not confirmed as off, so the operator must cut the power. then: a later cause
+    that ended the braking early."""
 
     cause: StopCause
     reason: str
@@ -64,14 +64,14 @@ class Stop:
 
 @dataclass(frozen=True)
 class GuardLimits:
-    """Limits of the guard. By default a limit is not watched.
+    """Limits of the guard.
 
     max_age: s since a servo's last answer. max_silence: s without an answer from a whole bus, during which the robot
     holds. max_pause: s between ticks. max_temperature: degrees Celsius. voltage: lowest and highest, V.
     following_error: rad of the joint, at once; sustained_error: for sustained_time, s. max_current: A, for
-    current_time, s. lag: time constants of the position loops, s (n,), from whose response errors count; empty: from
-    the goal. warn_...: warning levels. slow_share: speed override above those of temperature and current. limbs (n,):
-    True for a servo without which the robot goes to rest; empty: none.
+    current_time, s. lag: time constants of the position loops, s (n,), from whose response errors count. warn_...:
+    warning levels. slow_share: speed override above those of temperature and current. limbs (n,): servos without which
+    the robot goes to rest.
     """
 
     max_age: float = 0.1

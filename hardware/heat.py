@@ -17,15 +17,14 @@ from hardware.arrays import BoolArray, FloatArray
 THERMAL_S = 300.0
 """[s] Time constant of a servo's case, as simulated. None was stated or measured."""
 RATE_S = 60.0
-"""[s] Averaging time of a rate, since the register has steps of one degree."""
+"""[s] Averaging time, since the register has steps of one degree."""
 EVERY_S = 1.0
-"""[s] Update period."""
 
 
 @dataclass(frozen=True)
 class HeatLeft:
     """The servo that warns first. column: in servo order. temperature, warns_at: degrees Celsius. per_minute: degrees.
-    left: s until the warning; inf: never."""
+    left: s; inf: never."""
 
     column: int
     temperature: float
@@ -35,17 +34,17 @@ class HeatLeft:
 
 
 class HeatForecast:
-    """Forecast from temperatures (n,). soonest: None before RATE_S or without temperatures."""
+    """Forecast from temperatures (n,). soonest: None before RATE_S."""
 
     def __init__(self, warns_at: float, servos: BoolArray | None = None) -> None:
-        """warns_at: degrees Celsius. servos (n,): mask of those to watch; None: all."""
+        """warns_at: degrees Celsius. servos (n,): mask; None: all."""
         self._warns_at, self._servos = warns_at, servos
         self._begun = self._seen = -inf
         self._slow: FloatArray | None = None
         self.soonest: HeatLeft | None = None
 
     def look(self, time: float, temperature: FloatArray) -> bool:
-        """Update with temperatures (n,), degrees Celsius, at a time, s. Return True if an update was due."""
+        """Update with temperatures (n,), degrees Celsius, at a time, s. Return True if due."""
         if time - self._seen < EVERY_S or not np.isfinite(self._warns_at):
             return False
         elapsed, self._seen = time - self._seen, time

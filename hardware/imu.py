@@ -14,17 +14,17 @@ Quat = tuple[float, float, float, float]
 GRAVITY = 9.80665
 """[m/s^2] One g, in which makers give accelerations."""
 FRESH = 0.05
-"""[s] Age up to which a sample is valid: five frames at 100 Hz, six cycles at 125 Hz."""
+"""[s] Age of a valid sample: five frames at 100 Hz, six cycles at 125 Hz."""
 FROZEN = 0.2
 """[s] Time without a changed bit after which a sensor is frozen."""
 FASTEST = math.radians(2000.0)
-"""[rad/s] Range of the gyroscopes, about one axis."""
+"""[rad/s] Range of the gyroscopes."""
 STRONGEST = 16.0 * GRAVITY
-"""[m/s^2] Widest range of the accelerometers, along one axis."""
+"""[m/s^2] Widest range of the accelerometers."""
 BNO08X_BAUD = 115200
-"""[bit/s] UART-RVC mode (datasheet)."""
+"""[bit/s] (datasheet)."""
 MAX_JUMP = 0.1
-"""[rad] Largest correction by a sensor's filter between two orientations, beyond the fastest turn."""
+"""[rad] Largest correction by a sensor's filter, beyond the fastest turn."""
 
 
 class ImuKind(StrEnum):
@@ -33,13 +33,13 @@ class ImuKind(StrEnum):
     OPENCR = "opencr"
     """OP3's board, a Dynamixel device."""
     BNO08X = "bno08x"
-    """BNO080, BNO085 and BNO086 in UART-RVC mode, on a serial line of their own."""
+    """BNO080, BNO085 and BNO086 in UART-RVC mode."""
 
 
 @dataclass(frozen=True)
 class ImuSpec:
-    """A sensor of a robot. position: m, and mounting: wxyz, in the frame of its link. bus, id: of a device on a bus.
-    port, baud: of its own serial line."""
+    """A sensor of a robot. position: m, and mounting: wxyz, in the frame of its link. bus, id: of a device. port, baud:
+    of its own serial line."""
 
     kind: ImuKind
     link: str
@@ -108,17 +108,16 @@ class ImuDevice(Protocol):
     """A sensor that is read within the cycle of a bus. Raises BusError when its port is gone."""
 
     tracker: "ImuTracker"
-    """Its newest sample and fault."""
 
     def post(self) -> None:
-        """Request a measurement if the sensor needs a request; do not wait."""
+        """Request a measurement if necessary."""
 
     def collect(self) -> bool:
         """Take the measurements that have come. Return True if this had to wait."""
 
 
 class ImuTracker:
-    """The newest sample of a sensor. fault: of the sample returned last."""
+    """The newest sample of a sensor, and its fault."""
 
     def __init__(self, spec: ImuSpec) -> None:
         self._mounting = spec.mounting
@@ -158,7 +157,6 @@ class ImuTracker:
         return ImuSample(self._time, self._orientation, self._turn, self._force, self.fault is None, age)
 
     def _jumps(self, reading: ImuReading, time: float) -> bool:
-        """True if the sensor cannot have turned so far since the last reading that was kept."""
         before = None if self._last is None else self._last.orientation
         if before is None or reading.orientation is None:
             return False

@@ -15,7 +15,6 @@ TICK_ROUND_OFF = 1e-6
 
 
 def _values(servos: Sequence[ServoSpec], name: str) -> FloatArray:
-    """Return one attribute of each servo, (n,)."""
     return np.array([getattr(servo, name) for servo in servos], dtype=np.float64)
 
 
@@ -72,7 +71,7 @@ class CoupledPair:
 
 
 def _combined(pairs: FloatArray, matrix: FloatArray) -> FloatArray:
-    """Return row vectors (..., 2) @ matrix (2, 2), with a fixed order of operations."""
+    """Return vectors (..., 2) @ matrix (2, 2), in a fixed order of operations."""
     return np.asarray(pairs[..., :1] * matrix[0] + pairs[..., 1:] * matrix[1])
 
 
@@ -238,13 +237,12 @@ class JointMap:
         return known
 
     def _joints(self, shafts: FloatArray) -> FloatArray:
-        """Convert shaft values (..., n) of coupled pairs to joint values, in place."""
         for pair in self._pairs:
             shafts[..., pair.columns] = pair.turned(shafts[..., pair.columns])
         return shafts
 
     def spread(self, joints: Sequence[str], ticks: TickArray) -> TickArray:
-        """Return `ticks` (..., n) in the order of `joints` (..., m), with NO_SERVO for a joint without a servo."""
+        """Return `ticks` (..., n) in the order of `joints` (..., m), with NO_SERVO."""
         column = {joint: index for index, joint in enumerate(self.joints)}
         out = np.full((*ticks.shape[:-1], len(joints)), NO_SERVO, dtype=np.int64)
         for index, joint in enumerate(joints):

@@ -1,6 +1,6 @@
 """Motors and gears of servos, at the output shaft: rows of `motors.yaml`, else derived from the maker's numbers.
 
-The motor model is u = R i + kt w, torque = kt i: at supply V it stalls at kt V / R and turns at V / kt at most.
+The model is u = R i + kt w, torque = kt i: at supply V it stalls at kt V / R and turns at V / kt at most.
 """
 
 from dataclasses import dataclass
@@ -41,14 +41,13 @@ class DriveNumbers:
 
     @property
     def back_emf(self) -> float:
-        """Torque lost per speed to the motor's own voltage, N m s/rad."""
+        """Torque lost per speed, N m s/rad."""
         return self.torque_constant * self.torque_constant / self.resistance
 
 
 @dataclass(frozen=True)
 class _Identified:
-    """A row of `motors.yaml`. motor: (kt, R). line: highest speed with most_torque, rad/s, and a point (rad/s, N m)
-    beyond."""
+    """A row of `motors.yaml`. motor: (kt, R). line: highest speed with most_torque, rad/s, and a point beyond."""
 
     armature: float
     friction: float
@@ -69,7 +68,7 @@ def _identified() -> dict[str, _Identified]:
 
 
 def drive_numbers(model: ServoModel) -> DriveNumbers:
-    """Return the numbers of a model, identified or derived."""
+    """Return the numbers of a model."""
     known = _identified().get(model.name)
     if known is None:
         share = model.stall_torque
@@ -92,7 +91,7 @@ def _motor_of_line(model: ServoModel, known: _Identified) -> tuple[float, float]
     """Return kt and R of the motor whose torque falls along the identified line, or faster, so that it turns no faster
     than its maker says. Without a line it stalls at the maker's torque.
 
-    Torque at full drive is kt V / R - (kt^2 / R) x speed, less friction and viscous x speed.
+    Torque at full drive: kt V / R - (kt^2 / R) x speed, less friction and viscous x speed.
     """
     first, torque, fall = 0.0, model.stall_torque, 0.0
     if known.line is not None and known.most_torque is not None:

@@ -6,14 +6,12 @@ from hardware.errors import printable
 
 PROCESSES = Path("/proc")
 LONGEST_COMMAND = 90
-"""Longest command line shown, characters."""
 MOST_PROCESSES = 100_000
-"""Bound of a search among processes."""
 
 
 def named_process(number: int | str, processes: Path = PROCESSES) -> str:
-    """Describe a process, for example `process 12 (retarget servo monitor --robot op3)`. The interpreter of a script
-    and all folders are left out."""
+    """Describe a process, for example `process 12 (retarget servo monitor --robot op3)`, without interpreter and
+    folders."""
     process = processes / str(number)
     try:
         words = (process / "cmdline").read_text(encoding="utf-8", errors="replace").rstrip("\0").split("\0")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from hardware.errors import HardwareError
 
 USUAL_PRIORITY = 40
-"""Priority of SCHED_FIFO, 1 to 99, below the kernel's interrupt threads (50 on PREEMPT_RT), on which a tick waits."""
+"""Priority of SCHED_FIFO, below the kernel's interrupt threads (50 on PREEMPT_RT), on which a tick waits."""
 HOW_TO_PERMIT = 'echo "$USER - rtprio 50" | sudo tee /etc/security/limits.d/retarget.conf, then log in again'
 ELSEWHERE = "(systemd: LimitRTPRIO=50; Docker: --cap-add SYS_NICE --ulimit rtprio=50)"
 
@@ -28,7 +28,7 @@ class Scheduling:
 def scheduled(scheduling: Scheduling) -> Iterator[None]:
     """Schedule the calling thread within the context. Threads that it starts do not inherit the priority.
 
-    Raises HardwareError for an unknown or forbidden priority or core, with the remedy.
+    Raises HardwareError with the remedy.
     """
     policy, parameter, cores = os.sched_getscheduler(0), os.sched_getparam(0), os.sched_getaffinity(0)
     try:

@@ -1,8 +1,7 @@
 """Servos as data: models, servos of a robot, couplings, and position loops.
 
 A new Dynamixel model is a row of `servo_models.tsv` and one of `dynamixel/tables/models.tsv`, both from the e-Manual.
-`FIRST` in `tests/hardware/dynamixel/test_control_table.py` repeats its first values. `motors.yaml` holds published
-identifications.
+`motors.yaml` holds published identifications.
 """
 
 import csv
@@ -16,15 +15,13 @@ import numpy as np
 from hardware.errors import HardwareError
 
 MAX_CONDITION = 1e3
-"""Highest condition number of a coupling, beyond which the servos cannot set both joints."""
+"""Highest condition number of a coupling."""
 
 
 @dataclass(frozen=True)
 class ServoCoupling:
-    """A differential: joint angles = `matrix` @ shaft angles, rad, both in the order of `joints`.
-
-    A shaft angle is `direction * (tick - zero_tick) * model.tick_rad`. Both servos carry the same coupling.
-    """
+    """A differential: joint angles = `matrix` @ shaft angles, rad, both in the order of `joints`. A shaft angle is
+    `direction * (tick - zero_tick) * model.tick_rad`. Both servos carry the same coupling."""
 
     joints: tuple[str, str]
     matrix: tuple[tuple[float, float], tuple[float, float]]
@@ -50,7 +47,7 @@ class ServoCoupling:
         return float(np.linalg.cond(self.matrix))
 
     def problems(self) -> tuple[str, ...]:
-        """Return the findings about the coupling alone."""
+        """Return the findings about the coupling."""
         found: list[str] = []
         here = f"coupling of {self.joints[0]} and {self.joints[1]}"
         if self.joints[0] == self.joints[1]:
@@ -104,21 +101,21 @@ class Layout(Enum):
     """Layout of a control table: its registers and units of gains. All servos of a bus have one."""
 
     X = "the layout of the X series"
-    """X series, and MX with protocol 2.0: operating modes, turns, currents, a bus watchdog."""
+    """X series, and MX with protocol 2.0."""
     OLDER = "the older layout (protocol 1.0, XL-320)"
-    """Protocol 1.0 servos and the XL-320: one turn or a wheel, 16-bit positions, moving speed and torque limit."""
+    """Protocol 1.0 servos and the XL-320: one turn or a wheel, moving speed and torque limit."""
 
 
 FULL_PWM = 885.0  # register value of full drive
 GAIN_UNIT = 128.0  # position P gain register per unit of gain
 DEFAULT_P_GAIN = 800  # XM430 series
 DEFAULT_P_GAINS = {Layout.X: DEFAULT_P_GAIN, Layout.OLDER: 32}
-"""Default P gain. The default loop of the older layout is assumed to be equally stiff."""
+"""The default loop of the older layout is assumed to be equally stiff."""
 
 
 def full_drive_error(gain: float) -> float:
     """Return the shaft's error, rad, at which a P `gain` (counts of the X series) gives full drive. The gain acts on
-    ticks of a 4096-tick turn for all encoders."""
+    4096 ticks per turn for all encoders."""
     return FULL_PWM * GAIN_UNIT / gain * (2.0 * math.pi / 4096.0)
 
 
@@ -131,8 +128,8 @@ FIRM = 21.1 / 18.9
 def estimated_stiffness(torque: float) -> ServoStiffness:
     """Return the stiffness at the default P gain for a stall torque, N m.
 
-    By the e-Manual, drive is gain x error, and full drive gives the stall torque. Public identifications differ by a
-    factor of four, which the range spans. `retarget servo stiffness` measures it.
+    By the e-Manual, drive is gain x error, and full drive gives the stall torque. The range spans public
+    identifications, which differ by a factor of four. `retarget servo stiffness` measures it.
     """
     nominal = torque / full_drive_error(DEFAULT_P_GAIN)
     return ServoStiffness(nominal, min(nominal, SOFT), max(FIRM * nominal, SOFT))
@@ -143,8 +140,7 @@ class ServoModel:
     """One servo model (e-Manual overview table).
 
     ticks: over `travel` rad. no_load_speed: rad/s, and stall_torque: N m, at `voltage` V. current_unit: A per count;
-    None if the servo neither reports nor limits a current. stiffness: at the default P gain and `voltage`. layout: with
-    protocol 2.0.
+    None without a current register. stiffness: at the default P gain and `voltage`. layout: with protocol 2.0.
     """
 
     name: str
@@ -165,7 +161,7 @@ class ServoModel:
 
     @property
     def has_turns(self) -> bool:
-        """True if one of its protocols has modes of many turns."""
+        """True if it has modes of many turns."""
         return any(self.layout_in(protocol) is Layout.X for protocol in self.protocols)
 
     @property
@@ -175,7 +171,6 @@ class ServoModel:
 
 
 def _read_models() -> dict[str, ServoModel]:
-    """The rows of `servo_models.tsv`."""
     lines = (line for line in MODELS.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
     found: dict[str, ServoModel] = {}
     for row in csv.DictReader(lines, delimiter="\t"):
@@ -202,7 +197,7 @@ SERVO_MODELS = _read_models()
 
 
 def find_model(name: str) -> ServoModel:
-    """Return the model called `name`, with or without the suffix of its connector. Raises HardwareError."""
+    """Return a model, with or without the suffix of its connector. Raises HardwareError."""
     model = SERVO_MODELS.get(name) or SERVO_MODELS.get(name.removesuffix("-T").removesuffix("-R"))
     if model is None:
         known = ", ".join(SERVO_MODELS)
@@ -214,7 +209,7 @@ def find_model(name: str) -> ServoModel:
 
 @dataclass(frozen=True)
 class ServoGains:
-    """Position gains, register counts; None: the servo's default."""
+    """Position gains, counts; None: the servo's default."""
 
     position_p: int | None = None
     position_i: int | None = None
@@ -227,10 +222,10 @@ class ServoGains:
 class ServoSpec:
     """One servo of a robot and its joint.
 
-    Joint angle q corresponds to shaft tick `zero_tick + direction * gear * q / model.tick_rad`; `gear` is shaft turns
-    per joint turn. With a `coupling` the gear is 1, and q is the coupling's shaft angle. Limits are the joint's: rad,
-    rad/s, rad/s^2. current_limit: A. homing_offset: register 20, ticks, included in all ticks here, as the servo adds
-    it to its positions. protocol: of its bus.
+    Joint angle q is at shaft tick `zero_tick + direction * gear * q / model.tick_rad`; `gear` is shaft turns per joint
+    turn. With a `coupling` the gear is 1, and q is the coupling's shaft angle. Limits are the joint's: rad, rad/s,
+    rad/s^2. current_limit: A. homing_offset: register 20, ticks, which the servo adds to its positions, and so do all
+    ticks here.
     """
 
     joint: str
@@ -253,7 +248,7 @@ class ServoSpec:
 
     @property
     def label(self) -> str:
-        """Name of the servo in messages."""
+        """Name in messages."""
         return f"{self.joint} (id {self.id})"
 
     @property
@@ -324,7 +319,7 @@ class ServoSpec:
 def loop_lag(servo: ServoSpec) -> float:
     """Return the time constant of the position loop, s: drive = gain x error, full drive = no-load speed.
 
-    Source: e-Manual, Position PID Gain (84, unit 1/128; MX with protocol 1: 28) and Goal PWM (100, full at 885).
+    Source: e-Manual, Position PID Gain (84, unit 1/128; MX with protocol 1: 28), Goal PWM (100, full at 885).
     """
     return lag_of_gain(servo.model, p_gain(servo))
 

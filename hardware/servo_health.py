@@ -16,7 +16,6 @@ from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec
 
 Bounds = tuple[float, float]
-"""Lowest and highest value."""
 
 ANYTHING: Bounds = (-inf, inf)
 EASE = 0.1
@@ -26,7 +25,7 @@ COOLER = 2.0
 STEADIER = 0.2
 """[V] The same for voltages."""
 MOST_OF_ALL = 3
-"""Number of servos up to which all are named one by one."""
+"""Servos up to which all are named."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +144,7 @@ class ServoFault:
 
 
 TIME_ROUND_OFF = 1e-9
-"""[s] Round-off of sums of ticks."""
+"""[s] Of sums of ticks."""
 
 
 class ServoLevels:
@@ -158,7 +157,7 @@ class ServoLevels:
         self._nothing = np.full(self.least.shape, np.inf)
         self._since = self._nothing  # [s] when each went beyond, infinite where it is within
         self.count = 0
-        """Values beyond their bounds at the last call."""
+        """Values beyond their bounds."""
 
     def beyond(self, seen: FloatArray, now: float) -> BoolArray:
         """Return the mask (rows, n) of values beyond their bounds for their whole patience at `now`, s."""
@@ -207,13 +206,13 @@ RAMP_S = 0.4
 CALM_S = 1.0
 """[s] Time within bounds before a warning ends."""
 MOST_NEWS = 100
-"""Bound of the texts kept for the caller."""
+"""Bound of the kept texts."""
 
 
 class ServoWarnings:
-    """Warnings about one robot's servos, each reported once. share: the speed override during one that slows the robot.
+    """Warnings about one robot's servos, each reported once. share: speed override during one that slows the robot.
 
-    speed_override: present value, 1 to `share`. active (rows, n): mask of active warnings.
+    speed_override: present value. active (rows, n): mask of active warnings.
     """
 
     def __init__(self, servos: Sequence[ServoSpec], rows: Sequence[Watched], share: float) -> None:
@@ -354,7 +353,7 @@ CHECK_BUS = "Check power, wiring and the bus of the profile, or whether the host
 
 
 class ServoHealth:
-    """Judges the states of one robot's servos. A temperature or voltage that is no longer known (NaN) is a fault.
+    """Judges the states of one robot's servos. A temperature or voltage that is no longer known is a fault.
 
     lost (n,): silent servos of limbs, with the partner of a coupled pair, which are no longer judged.
     """
@@ -399,7 +398,7 @@ class ServoHealth:
             return silence
         late = wrong[WatchedRow.AGE]
         if late.any() and not (late & ~self._limbs).any():
-            # Servos of limbs that are silent are given up: those on one cable fall silent within some cycles.
+            # Servos on one cable fall silent within some cycles.
             silent = self._limbs & ~self.lost & (states.age > 0.5 * self._max_age)
             self.lost = self.buses.lost = self.lost | ~self._joint_map.known_joints(~silent)
             row = self._rows[WatchedRow.AGE]

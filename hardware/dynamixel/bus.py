@@ -22,16 +22,15 @@ from hardware.imu import FRESH, ImuDevice, ImuFault, ImuKind, ImuSample, ImuSpec
 from hardware.joint_map import JointMap, resolve_turns, turn_groups
 
 MakePort = Callable[[BusSpec], BytePort]
-"""From a bus of the profile to its port."""
 
 FIRST_CYCLES = 5
-"""Largest number of cycles that wait for silent servos, at opening and before torque comes on."""
+"""Bound of the cycles that wait for silent servos."""
 NOISY_CYCLES = 50
-"""Consecutive cycles with repeated requests that cause a note."""
+"""Consecutive cycles with retries that cause a note."""
 
 
 class CyclicImu:
-    """The IMU of a robot within the cycles of its bus. port: its own serial line; None: it is on one of `lines`.
+    """The IMU of a robot within the cycles of its bus. port: its own serial line, if any.
 
     It is asked after the goals, and its answer is taken before anything else is sent. Without goals it is asked after
     the servos. notify: receives each fault once.
@@ -92,7 +91,7 @@ class CyclicImu:
         return sample
 
     def rest(self) -> None:
-        """Pause: no new data are no fault."""
+        """Pause without a fault."""
         self._requested, self._since = False, np.inf
 
     def close(self) -> None:
@@ -138,7 +137,7 @@ class DynamixelBus:
 
     @property
     def retries(self) -> int:
-        """Requests repeated since the bus was opened."""
+        """Requests repeated so far."""
         return sum(line.cyclic.errors.retries for line in self.lines)
 
     def open(self) -> None:
@@ -289,7 +288,6 @@ class DynamixelBus:
             self.imu.finish()
 
     def _cycle_of_all(self) -> ServoStates:
-        """Run up to FIRST_CYCLES cycles until all servos answer in one."""
         states = self._cycle()
         for _ in range(FIRST_CYCLES - 1):
             if states.complete:
@@ -313,7 +311,7 @@ class DynamixelBus:
         raise_drive(self.lines, drives, self._watch_rise)
 
     def _recount(self, ready: Sequence[Ready]) -> None:
-        """Count the turns of limp and uncounted servos again. Raises BusError if they are unknown or have changed."""
+        """Count the turns of limp and uncounted servos. Raises BusError if they are unknown or have changed."""
         states = self._cycle_of_all()
         if not states.complete:
             silent = [servo.label for servo, valid in zip(self._map.servos, states.valid, strict=True) if not valid]
@@ -361,7 +359,6 @@ class DynamixelBus:
 
 
 KEPT = 500
-"""Cycles over which times are measured."""
 TORQUE_PERIOD = 0.2
 """[s] Between two reads of the torque of all servos."""
 TORQUE_AGE = 1.0
@@ -391,7 +388,7 @@ class BusWatch:
 
     @property
     def retries(self) -> int:
-        """Repeated requests."""
+        """Requests repeated so far."""
         return sum(line.cyclic.errors.retries for line in self._lines)
 
     def times(self) -> tuple[float, float]:

@@ -15,11 +15,10 @@ from typing import Any, NamedTuple
 from fastcrc.crc16 import umts
 
 BROADCAST = 0xFE
-"""Id of all devices."""
 MAX_ID = 252
 """Highest device id in protocol 2.0 (1.0: 253)."""
 STATUS = 0x55
-"""Instruction code of a status frame, protocol 2.0."""
+"""Code of a 2.0 status frame."""
 ALERT = 0x80
 """Bit 7 of a 2.0 error byte: a Hardware Error Status bit is set. The data are valid."""
 
@@ -70,8 +69,7 @@ class Error1(IntFlag):
 
 
 class WireFrame(NamedTuple):
-    """One valid frame, without stuffing. code: the instruction, or STATUS (2.0), or the error byte of a 1.0 status.
-    params: up to the CRC or checksum."""
+    """One valid frame, without stuffing. code: the instruction, STATUS (2.0), or the error byte of a 1.0 status."""
 
     id: int
     code: int
@@ -115,8 +113,7 @@ class Codec(ABC):
         return self.frame(device, Instruction.WRITE, self.number(address) + data)
 
     def sync_write(self, address: int, length: int, items: Iterable[tuple[int, bytes]]) -> bytes:
-        """Write the same registers of several devices, without answers. Raises ValueError for data of another
-        length."""
+        """Write the same registers of several devices, without answers."""
         params = bytearray(self.number(address) + self.number(length))
         for device, data in items:
             if len(data) != length:
@@ -175,7 +172,7 @@ class Protocol1(Codec):
         return self.frame(BROADCAST, Instruction.BULK_READ, params)
 
     def parser(self) -> "Parser":
-        """Return a parser. The checksum passes one of 256 damaged frames."""
+        """See `Protocol2`. The checksum passes one of 256 damaged frames."""
         return Parser(_scan1)
 
 
@@ -188,7 +185,7 @@ class Protocol2(Codec):
     """Bytes before those that LEN counts."""
     STATUS_BYTES = 11
     MAX_LENGTH = 8192
-    """Longest frame body (LEN) built or accepted."""
+    """Longest LEN built or accepted."""
     PATTERN = b"\xff\xff\xfd"
     STUFFED = b"\xff\xff\xfd\xfd"
     WIDTH, MOST_MEMBERS = 2, MAX_ID
@@ -234,7 +231,6 @@ class Protocol2(Codec):
 
 protocol1, protocol2 = Protocol1(), Protocol2()
 CODECS: dict[int, Protocol1 | Protocol2] = {1: protocol1, 2: protocol2}
-"""Codecs by protocol."""
 
 
 class ScanResult(NamedTuple):
@@ -252,8 +248,7 @@ Scan = Callable[[bytes, int], ScanResult]
 
 
 class Parser:
-    """Incremental parser of one protocol. It holds less than one frame, and its frames do not depend on the pieces in
-    which bytes come."""
+    """Incremental parser of one protocol. It holds less than one frame, and its frames do not depend on the pieces."""
 
     def __init__(self, scan: Scan) -> None:
         self._scan = scan
@@ -261,7 +256,7 @@ class Parser:
         """Bytes that may still become a frame."""
         self._clear = 0
         self.skipped = 0
-        """Bytes so far that belonged to no valid frame."""
+        """Bytes without a valid frame so far."""
 
     def reset(self) -> None:
         """Discard pending bytes."""
@@ -277,7 +272,7 @@ class Parser:
         return frames
 
     def flush(self) -> list[WireFrame]:
-        """Return the frames inside an unfinished one, whose length was damaged, once the line is silent."""
+        """Return the frames inside an unfinished one once the line is silent."""
         frames: list[WireFrame] = []
         while self.pending:
             behind = self.pending[1:]
@@ -349,7 +344,6 @@ def _scan1(buffer: bytes, _clear: int) -> ScanResult:
 
 
 def _tail(buffer: bytes, begin: int, header: bytes) -> int:
-    """Return the start of a header prefix that ends `buffer`."""
     size = len(buffer)
     for count in range(len(header) - 1, 0, -1):
         if size - begin >= count and buffer.endswith(header[:count]):
@@ -357,7 +351,7 @@ def _tail(buffer: bytes, begin: int, header: bytes) -> int:
     return size
 
 
-# The one reply of a Fast Sync or Fast Bulk Read, part by part: the parts before a gap are valid.
+# The reply to a Fast Sync or Fast Bulk Read. The parts before a gap are valid.
 
 BEFORE_PARTS = 8
 """Bytes of a fast reply before its parts: header, id, LEN, instruction."""
@@ -371,7 +365,7 @@ def fast_length(sizes: Sequence[int]) -> int:
 
 
 def fast_start(sizes: Sequence[int]) -> bytes:
-    """Return the bytes before its first part."""
+    """Return its first bytes."""
     length = fast_length(sizes) - protocol2.OVERHEAD
     return protocol2.HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,))
 
@@ -428,12 +422,11 @@ def side_by_side(statuses: Sequence[Status]) -> Answers:
 
 
 LAYOUTS = 512
-"""Size of the cache of fast replies' layouts."""
 
 
 class _Layout(NamedTuple):
-    """Layout of a fast reply. unpack: splits it into its start, and error byte, id, data and CRC of each servo. begins:
-    its start. summed: the bytes that each CRC adds to the one before."""
+    """Layout of a fast reply. unpack: splits it into its start, and error byte, id, data and CRC of each servo. summed:
+    the bytes that each CRC adds."""
 
     length: int
     unpack: Callable[[bytes], tuple[Any, ...]]

@@ -15,8 +15,8 @@ class Register:
     """`size` bytes at `address`, little-endian. One count is `scale` of the SI `unit`, if any.
 
     A signed register holds two's complement, or with a `direction_bit` sign and magnitude (older layout: set is
-    clockwise, hence negative). bits: meaning of each bit, for errors numbered in another order. lowest, highest: widest
-    writable range, counts. initial: default, counts; None if measured at start.
+    clockwise, hence negative). bits: meaning of each bit, for errors in another order. lowest, highest: writable range,
+    counts. initial: default, counts; None if measured at start.
     """
 
     name: str
@@ -79,12 +79,10 @@ class Register:
         return (self.lowest is None or counts >= self.lowest) and (self.highest is None or counts <= self.highest)
 
 
-# Reader of the files in `tables/`: models, and layers of register rows that add up to a control table.
-#
-# `models.tsv` names the layers of each model, in the order in which they apply. A row of `registers.tsv` or of
-# `values.tsv` counts for firmware from `since` to `until`. The first row of a name in a model's layers makes the
-# register; each later one replaces the cells that it fills in; `none` takes a value away. `name_[1:28]` stands for 28
-# registers, one after the other; an initial value `224+` counts up along them.
+# In `tables/`, `models.tsv` names the layers of each model, in order. A row of `registers.tsv` or `values.tsv`
+# applies to firmware from `since` to `until`. The first row of a name makes the register, later ones replace the cells
+# that they fill in, and `none` removes a value. `name_[1:28]` stands for 28 adjacent registers, along which an initial
+# value `224+` counts up.
 
 LAST_FIRMWARE = 255
 """Highest number that a firmware version register can hold."""
@@ -124,7 +122,7 @@ class ControlTable:
 
     @property
     def layout(self) -> Layout:
-        """Layout of the model with this protocol."""
+        """Layout with its protocol."""
         return find_model(self.model).layout_in(self.protocol)
 
     @cached_property
@@ -195,7 +193,6 @@ def layer_rows() -> dict[str, list[dict[str, str]]]:
 
 
 def _rows(model: ControlTable) -> Iterator[tuple[int, int, dict[str, str]]]:
-    """Yield first and last firmware and cells of a model's rows, in order."""
     for layer in model.layers:
         for row in layer_rows()[layer]:
             yield int(row.get("since", 0)), int(row.get("until", LAST_FIRMWARE)), row
@@ -210,7 +207,7 @@ def firmware_starts(model: ControlTable) -> tuple[int, ...]:
 
 
 def registers_of(model: ControlTable, firmware: int) -> tuple[Register, ...]:
-    """Return the model's registers for `firmware`, ascending by address."""
+    """Return the registers for `firmware`, ascending by address."""
     merged: dict[str, dict[str, str]] = {}
     for since, until, row in _rows(model):
         if since <= firmware <= until:
@@ -250,7 +247,7 @@ def _whole(cell: str | None) -> int | None:
 
 
 def tables() -> tuple[ControlTable, ...]:
-    """Return every table: each model, protocol and range of firmware."""
+    """Return the table of each model, protocol and range of firmware."""
     return tuple(_table(row, first) for row in model_rows() for first in firmware_starts(row))
 
 
@@ -296,12 +293,11 @@ def _table(row: ControlTable, first: int) -> ControlTable:
 DIVIDED_BAUD = 2_000_000
 """[bits/s] Protocol 1.0: divided by the code of the baud rate register + 1."""
 DIVIDED_TOLERANCE = 0.01
-"""Tolerated share of the rate. A UART tolerates about 3 %, both ends together."""
+"""Relative. A UART tolerates about 3 %, both ends together."""
 
 
 @cache
 def _listed(family: str) -> dict[int, int]:
-    """Return the bits per second by code, as the maker lists them for a family."""
     rows = rows_of("baud_rates.tsv")
     return {int(row["code"]): int(row["baud"]) for row in rows if family in row["families"].split()}
 

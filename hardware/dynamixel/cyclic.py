@@ -43,15 +43,15 @@ from hardware.servo import Layout, ServoSpec
 # Group reads of several servos. Unlike in the SDK, each answer counts by itself, with its error byte.
 
 TURNAROUND = 100e-6
-"""[s] Time before an answer, beyond the return delay."""
+"""[s] Beyond the return delay."""
 HOST_SLACK = 1e-3
-"""[s] Possible delay of this machine or the driver."""
+"""[s] Delay of this machine or the driver."""
 MAX_IDS = 100
 """Servos per request, whose answers fit any adapter's buffer."""
 
 
 class Timeouts(NamedTuple):
-    """[s] From sending to the first byte; between bytes; from sending to the last byte."""
+    """[s] From sending to the first byte; between bytes; to the last byte."""
 
     first: float
     idle: float
@@ -255,7 +255,6 @@ def goal_packets(servos: Sequence[Wired]) -> list[GoalPacket]:
 
 
 RETRIES = 3
-"""Repetitions of an unanswered request within a cycle."""
 MOST_UNANSWERED = 3
 """Unanswered requests after which a cycle without any byte ends."""
 LOST_AFTER = 3
@@ -263,13 +262,12 @@ LOST_AFTER = 3
 PROBE_PERIOD = 0.1
 """[s] Between two probes for lost servos."""
 MAX_TRANSACTIONS = 1000
-"""Size of the cache of requests."""
 NOISY = 1.0
 """[s] Time after a damaged answer in which goals are sent twice."""
 TWICE_WITHIN = 1.5e-3
 """[s] Longest goal packet that is sent twice."""
 STATUS_EVERY = 4
-"""Cycles between two status reads of one servo, in turn."""
+"""Cycles between two status reads."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -344,8 +342,8 @@ class MissingServos:
         return device in self.first or device in self.strikes
 
     def late(self, now: float, cycle: int) -> list[int]:
-        """Return the silent servos to ask last in this cycle, the newest first: those not yet lost, and a lost one in
-        turn every PROBE_PERIOD. now: s."""
+        """Return the silent servos to ask last in this cycle, the newest first, with a lost one in turn every
+        PROBE_PERIOD. now: s."""
         lost = [device for device in self._ids if self.strikes.get(device, 0) >= LOST_AFTER]
         probe = None
         if lost and now >= self._probed + PROBE_PERIOD:
@@ -549,12 +547,11 @@ def _groups(servos: Sequence[Wired]) -> list[Group]:
 WINDOW_S = 0.05
 """[s] Window of the error rate."""
 FEWEST = 4
-"""Lower bound of the cycles in a window."""
 
 
 class ErrorRate:
-    """Error rate of one bus. retries, spoiled: repeated requests, and those with damaged answers, so far. share: of bad
-    cycles in the window."""
+    """Error rate of one bus. retries, spoiled: repeated requests, and damaged answers, so far. share: of bad cycles in
+    the window."""
 
     def __init__(self) -> None:
         self.retries, self.spoiled = 0, 0
@@ -577,7 +574,6 @@ class ErrorRate:
 
 
 GROUP_TRIES = 3
-"""Group reads before the silent servos are read one by one."""
 
 
 class BusLine:
@@ -596,11 +592,11 @@ class BusLine:
 
     @property
     def where(self) -> str:
-        """Name of the bus in messages."""
+        """Its name in messages."""
         return f"bus {self.spec.name}"
 
     def name_of(self, device: int) -> str:
-        """Return the name of a servo in messages."""
+        """Return a servo's name in messages."""
         return self.servos[device].label if device in self.servos else f"id {device}"
 
     def adopt(self, images: dict[int, ServoImage]) -> None:

@@ -34,7 +34,6 @@ def answers_pings_only(client: OneOff, device: int) -> bool:
 
 
 Placed = tuple[int, ServoSpec]
-"""A servo with its place in the robot's order."""
 PING_SLACK = 0.001
 """[s] Possible delay of an unknown id's answer to a ping."""
 LONGEST_SEARCH = 2.0
@@ -168,7 +167,6 @@ def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple
 
 
 def _servo(sighting: Sighting, bus: str) -> ServoSpec:
-    """Return a servo without a profile. Its joint angle is that of the shaft."""
     table = sighting.table
     assert table is not None
     model, device = find_model(table.model), sighting.found.id
@@ -200,7 +198,6 @@ def switch_power_on(port: BytePort, client: OneOff, switch: PowerSwitch) -> None
 
 
 BROADCASTS = 2
-"""Repetitions of each packet, since one may be lost."""
 MARGIN = 0.002
 """[s] Between the last byte and a change of speed."""
 

@@ -16,13 +16,11 @@ from hardware.dynamixel.single_requests import FoundServo, NoAnswer, OneOff, Ser
 from hardware.errors import BusError
 
 PROTOCOLS = (2, 1)
-"""Protocols in the order of trial."""
 LIKELY = (1000000, 57600, 2000000, 3000000, 4000000, 115200)
 """[bits/s] Factory settings (X, MX: 57600; AX: 1000000) and common choices, most likely first."""
 LIKELY_IDS = range(61)
 """1.0 ids of a quick scan. Humanoids number by limbs, up to 54 on Poppy."""
 MOST_DIVIDED = 255
-"""Highest divisor of DIVIDED_BAUD."""
 UNREAD_ERROR = "reports an error, and does not say which"
 
 
@@ -74,7 +72,7 @@ class LineScan:
 def all_speeds(
     protocols: Sequence[int] = PROTOCOLS, baud: int | None = None, *, first: Speed | None = None
 ) -> list[Speed]:
-    """Return every possible speed, or those of one baud rate: `first`, then the likely ones, then the rest."""
+    """Return every possible speed, or those of one baud rate: `first`, then the likely ones."""
     speeds = [Speed(one, rate) for one in protocols for rate in ((baud,) if baud is not None else BAUDS[one])]
     ranks = {rate: rank for rank, rate in enumerate(LIKELY)}
     speeds.sort(key=lambda one: (one != first, ranks.get(one.baud, len(ranks)), PROTOCOLS.index(one.protocol)))
@@ -159,7 +157,6 @@ def _scan(
 
 
 def _found(client: OneOff, expected: Sequence[int] | None) -> Iterator[FoundServo]:
-    """Yield the servos with these ids (None: all), and no others."""
     possible = range(CODECS[client.protocol].MOST_MEMBERS + 1)
     chosen = possible if expected is None else [device for device in expected if device in possible]
     if client.protocol == 2:

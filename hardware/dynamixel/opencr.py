@@ -1,7 +1,7 @@
 """The OpenCR board of an OP3 as a device on the bus: the switch of the servos' power, and an IMU.
 
 Source: ROBOTIS' firmware opencr_op3 (dxl_node_op3.h; NUbots' OpenCR.hpp agrees) for the registers, open_cr_module of
-ROBOTIS-OP3 for the units. Not verified on hardware. The mounting in the profile has half a turn about z.
+ROBOTIS-OP3 for the units. Not verified on hardware.
 """
 
 import math
@@ -13,11 +13,9 @@ from hardware.dynamixel.cyclic import LOST_AFTER, PROBE_PERIOD, BusLine, ReadKin
 from hardware.imu import GRAVITY, ImuReading, ImuSpec, ImuTracker, from_roll_pitch_yaw
 
 ID, NUMBER = 200, 0x7400
-"""Id and model number as delivered."""
+"""As delivered."""
 POWER = 24
-"""Address of the switch of the servos' power."""
 IMU_CONTROL = 50
-"""Address of the register that starts a calibration."""
 GYRO_UNIT = math.radians(2000.0 / 32800.0)
 """[rad/s] per count."""
 FORCE_UNIT = 2.0 / 32768.0 * GRAVITY
@@ -31,16 +29,13 @@ MOST_ANGLE = 3600
 
 
 def _row(name: str, address: int, size: int, bounds: tuple[int, int] | None, initial: int) -> Register:
-    """Return a register. bounds: counts that may be written; None: read only. Measurements are signed."""
     low, high = bounds or (None, None)
     signed = name in IMU_NAMES
     return Register(name, address, size, signed, bounds is not None, None, None, low, high, initial)
 
 
 IMU_NAMES = ("gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z", "roll", "pitch", "yaw")
-"""Measurements, adjacent int16 registers."""
 IMU_FIRST = 32
-"""Address of the first of them."""
 _MEASURED = struct.Struct("<9h")
 TABLE = ControlTable(
     model="OpenCR",
@@ -68,7 +63,6 @@ TABLE = ControlTable(
         _row("imu_control", IMU_CONTROL, 1, (0, 15), 0),
     ),
 )
-"""Registers that a host of OP3 uses."""
 
 
 def imu_reading(data: bytes) -> ImuReading | None:

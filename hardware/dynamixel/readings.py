@@ -17,7 +17,7 @@ from hardware.servo import Layout
 SLOW_PERIOD = 0.2
 """[s] Between two reads of voltage and temperature."""
 UNKNOWN_ALERT = 0x80
-"""Alert bits of a servo with an error that is not read yet."""
+"""Alert bits of an error that is not read yet."""
 
 _ALERTS1 = (
     (Error1.INPUT_VOLTAGE, ServoAlert.INPUT_VOLTAGE),
@@ -80,8 +80,7 @@ class SlowValues:
     def take(
         self, columns: NDArray[np.int64], rows: NDArray[np.void], names: Names, now: float, valid: BoolArray
     ) -> None:
-        """Take the values that servos `columns` (k,) answered at `now`, s. valid (n,): servos that answered in this
-        cycle."""
+        """Take the values that servos `columns` (k,) answered at `now`, s. valid (n,): those that answered."""
         self._voltage[columns] = rows[names.voltage]
         self._temperature[columns] = rows[names.temperature]
         self._at[columns] = now
@@ -207,6 +206,5 @@ class Readings:
 
 
 def _scale(table: ControlTable, name: str | None) -> float:
-    """Return the SI value per count of a register; NaN without one."""
     scale = None if name is None else table[name].scale
     return float("nan") if scale is None else scale

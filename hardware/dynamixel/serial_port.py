@@ -21,8 +21,6 @@ from hardware.clock import Clock
 from hardware.errors import BusError
 from hardware.processes import MOST_PROCESSES, PROCESSES, named_process
 
-# The latency timer of an FTDI chip, in the kernel's own files.
-
 DEVICES = Path("/sys/bus/usb-serial/devices")
 ASSUMED = 0.001
 """Latency, s, of an adapter without a latency timer: a USB frame."""
@@ -104,8 +102,8 @@ def wrong_baud(path: str, baud: int, allowed: object) -> BusError:
 
 
 def holders(path: str, processes: Path = PROCESSES) -> str:
-    """Name the processes that have the port open. The other end of a pseudo-terminal, which blocks no other process, is
-    named separately."""
+    """Name the processes that have the port open. The other end of a pseudo-terminal, which blocks none, is named
+    separately."""
     device = Path(path).resolve()
     found: list[str] = []
     behind: list[str] = []
@@ -127,7 +125,6 @@ def is_pseudo_terminal(path: str) -> bool:
 
 
 def _is_master(device: Path, process: Path, descriptor: str, target: Path) -> bool:
-    """True if an open file of a process is the master of a pseudo-terminal."""
     if device.parent != _PSEUDO_TERMINALS or target.name != "ptmx":
         return False
     text = (process / "fdinfo" / descriptor).read_text(encoding="utf-8", errors="replace")
@@ -152,7 +149,7 @@ def ports_text(ports: Mapping[str, str]) -> str:
 
 
 BY_ID = Path("/dev/serial/by-id")
-"""Links to ports by maker and number of the adapter, which survive replugging."""
+"""Stable links to ports."""
 
 
 def stable_name(path: str, links: Path = BY_ID) -> str:
@@ -180,15 +177,13 @@ def _kind(path: str) -> str:
 
 
 LOWEST_BAUD, HIGHEST_BAUD = 1_200, 12_000_000
-"""Bounds of the speeds that are tried."""
 BAUD_TOLERANCE = 0.03
-"""Relative error of the real speed beyond which 8N1 bytes are not read safely."""
+"""Relative error of the real speed beyond which bytes are not read safely."""
 READ_BYTES = 65_536
-"""Largest number of bytes per read."""
 STUCK = 0.1
 """Time, s, after which an adapter that takes no bytes is stuck."""
 _TCGETS2, _SPEED_WORD = 0x802C542A, 10
-"""Linux's ioctl for the real speed of a line, and its place in the answer."""
+"""Linux's ioctl for the real speed of a line."""
 
 
 class SerialPort:
@@ -197,7 +192,6 @@ class SerialPort:
     def __init__(self, path: str, clock: Clock) -> None:
         self._clock = clock
         self.name = path
-        """Path of the device."""
         self._serial: Serial | None = None
         self._fd = -1
         self.baud = 0
@@ -212,7 +206,7 @@ class SerialPort:
 
     @property
     def latency_command(self) -> str | None:
-        """Command that sets the latency timer to 1 ms, if needed."""
+        """Command that sets the timer to 1 ms, if needed."""
         if self.latency_timer_ms is None or self.latency_timer_ms <= LOW_TIMER_MS:
             return None
         return timer_command(self.name)
@@ -225,8 +219,8 @@ class SerialPort:
             self._serial = Serial(port=self.name, baudrate=baud, timeout=0, write_timeout=0, exclusive=True)
             self._fd = self._serial.fileno()
             if not is_pseudo_terminal(self.name):
-                # pyserial's lock keeps out processes that lock too, the kernel's all but those of root. The emulator
-                # holds a pseudo-terminal open, so there the kernel's lock would outlive a client that was killed.
+                # Unlike pyserial's lock, the kernel's excludes all processes but root's. On a pseudo-terminal, held
+                # open by the emulator, it would outlive a killed client.
                 fcntl.ioctl(self._fd, termios.TIOCEXCL)
             self._verify_baud(baud)
             request_low_latency(self._serial)
@@ -361,7 +355,6 @@ class SerialPort:
 
 
 def _with_number(cause: Exception) -> Exception:
-    """Return a termios error as an OSError with `errno`."""
     if isinstance(cause, termios.error) and len(cause.args) == 2:
         return OSError(*cause.args)
     return cause
@@ -396,7 +389,7 @@ class BytePort(Protocol):
         """Longest time, s, for which the adapter keeps bytes (FTDI: the latency timer)."""
 
     def open(self, baud: int) -> None:
-        """Open the port for this process alone. Raises BusError."""
+        """Open the port for this process alone."""
 
     def set_baud(self, baud: int) -> None:
         """Change the speed, and drop the input."""
@@ -428,7 +421,7 @@ QUIET = 20e-3
 
 
 def settle(port: BytePort) -> None:
-    """Drop a late answer, which would be taken for that of the next request. Raises BusError when the port is gone."""
+    """Drop a late answer, which would be taken for that of the next request."""
     deadline = port.now() + QUIET + port.latency
     while port.now() < deadline and port.wait(deadline):
         port.read()

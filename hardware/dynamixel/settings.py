@@ -13,9 +13,7 @@ from hardware.errors import BusError
 from hardware.servo import Layout, ServoMode, ServoSpec
 
 BLOCK_BYTES = 64
-"""Largest number of bytes read at once."""
 LAST_REGISTERS = ("present_temperature", "hardware_error_status", "lock", "goal_acceleration")
-"""Registers after which no table has one of interest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +124,6 @@ def _settings(table: ControlTable, values: "dict[str, int] | dict[str, int | Non
 
 
 OWN_OPTION = {"id": "--new-id", "baud_rate": "--baud", "return_delay_time": "--return-delay"}
-"""Registers with an option of their own."""
 SILENCING = "protocol_type"
 """Register after whose change the servo no longer answers."""
 
@@ -207,7 +204,6 @@ def _no(table: ControlTable, what: str, found: str, allowed: str) -> BusError:
 
 
 TICKS = frozenset(("homing_offset", "min_position_limit", "max_position_limit", "cw_angle_limit", "ccw_angle_limit"))
-"""Registers whose counts are shaft ticks."""
 
 
 def in_units(table: ControlTable, name: str, value: int) -> str:

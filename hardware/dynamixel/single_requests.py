@@ -26,7 +26,7 @@ from hardware.dynamixel.serial_port import BytePort, settle
 from hardware.errors import BusError
 
 ANSWER_SLACK = 0.004
-"""[s] Possible delay of this machine, the adapter's driver or the servo."""
+"""[s] Delay of this machine, the driver or the servo."""
 
 SLOT = 0.003
 """[s] Slot of each id in a broadcast ping, as in the SDK."""
@@ -36,7 +36,6 @@ PING_BYTES = protocol2.STATUS_BYTES + 3
 SPREAD = 0.001
 """[s] Largest difference between the answers of two servos with one id."""
 MAX_RECEIVED = 65_536
-"""Bytes after which a noisy line is abandoned."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +162,7 @@ def words(protocol: int, number: int) -> str:
 
 
 class ServoError(BusError):
-    """A servo refused an instruction, or it is impossible and was not sent."""
+    """A servo refused an instruction, or it was impossible."""
 
 
 class NoAnswer(BusError):
@@ -180,7 +179,7 @@ SPARE_BYTES = 8
 
 class SdkPort:
     """PortHandler of the SDK for one request over a `BytePort`; the SDK's own polls, waits 34 ms for a missing answer,
-    and stays in use after an exception. An echo is dropped. wait: s, in addition to the bytes."""
+    and stays in use after an exception. wait: s, in addition to the bytes."""
 
     is_using = False
 
@@ -234,15 +233,15 @@ class SdkPort:
 
 
 MODEL_BYTES = 3
-"""Protocol 1.0: model number and firmware, from address 0."""
+"""1.0: model number and firmware."""
 LONGEST_READ = 230
-"""Largest answer, bytes, that the SDK accepts in both protocols."""
+"""Largest answer that the SDK accepts, bytes."""
 
 
 class OneOff:
-    """Requests to one servo at a time, on an open port. return_delay: longest on the line, s. retries: after silence or
-    damage. alerted: ids whose last answer reported a hardware error. echoes: requests that the adapter returned. Raises
-    ServoError for a refusal, NoAnswer for silence."""
+    """Requests to one servo at a time, on an open port. return_delay: longest on the line, s. alerted: ids whose last
+    answer reported a hardware error. echoes: requests that the adapter returned. Raises ServoError for a refusal,
+    NoAnswer for silence."""
 
     def __init__(self, port: BytePort, protocol: int, *, return_delay: float = 0.0005, retries: int = 2) -> None:
         assert protocol in (1, 2)

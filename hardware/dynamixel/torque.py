@@ -23,7 +23,6 @@ from hardware.servo import ServoSpec
 
 CHECK_WIRING = "Check power and wiring, or whether the host is too busy"
 CONFIRM_TRIES = 2
-"""Writes to servos that do not keep a value."""
 
 
 def register_of(line: BusLine, name: str) -> Register:
@@ -60,7 +59,7 @@ def write_and_read(line: BusLine, register: Register, values: Mapping[int, int])
 
 
 def not_kept(line: BusLine, register: Register, values: Mapping[int, int], wrong: Mapping[int, int | None]) -> BusError:
-    """Return the error for servos that did not keep their values."""
+    """Return the error for unkept values."""
     found = ", ".join(
         f"{line.name_of(one)} " + ("silent" if kept is None else f"{kept} instead of {values[one]}")
         for one, kept in wrong.items()
@@ -121,7 +120,7 @@ def confirm_goals(line: BusLine, goals: dict[int, int]) -> None:
 
 
 def wake(line: BusLine, ids: Sequence[int]) -> None:
-    """Write the registers that themselves switch torque on (WAKING). Raises BusError."""
+    """Write the WAKING registers. Raises BusError."""
     for name, value in WAKING.items():
         held = [device for device in ids if line.images[device].table.has(name)]
         if held:
@@ -152,7 +151,7 @@ def not_limp(line: BusLine, ids: Iterable[int]) -> list[int]:
 def off_everywhere(buses: Mapping[BusLine, Collection[int]]) -> list[str]:
     """Switch the torque of servos (ids by bus) off. The command goes to all before any is read back.
 
-    Returns those that did not confirm. After an interrupt the other buses are still switched off; then it is raised.
+    Returns those that did not confirm. An interrupt is raised at the end.
     """
     unsure: list[str] = []
     interrupt: BaseException | None = None
@@ -203,7 +202,6 @@ def _refuse_moved(line: BusLine, present: dict[int, int], goals: dict[int, int])
 
 
 def _watched(line: BusLine) -> list[int]:
-    """Return the servos with a bus watchdog: X layout, firmware 38 and later."""
     return [device for device, image in line.images.items() if image.table.has("bus_watchdog")]
 
 
@@ -257,7 +255,6 @@ class BusDrive:
             write_and_read(self._line, register, values)
 
     def _values(self, share: float) -> list[tuple[Register, dict[int, int]]]:
-        """Return counts by id per register, which depends on layout and mode."""
         found: dict[str, tuple[Register, dict[int, int]]] = {}
         for device, (register, full) in self._full.items():
             values = found.setdefault(register.name, (register, {}))[1]
@@ -276,7 +273,7 @@ def provision(line: BusLine, servo: ServoSpec, *, limp: bool) -> list[str]:
     changed = []
     eeprom = differing(eeprom_settings(servo, line.spec, table), image)
     for register, value in eeprom:
-        # Torque is off here; a servo that has it on refuses, which is raised.
+        # A servo with torque refuses.
         line.client.write(servo.id, register, value, verify=True)
         changed.append(f"{register.name} {image.value(register.name)} -> {value}")
     if eeprom:
@@ -294,7 +291,7 @@ def provision(line: BusLine, servo: ServoSpec, *, limp: bool) -> list[str]:
 RAMP_TIME = 0.5
 """[s] From the first drive to the full one."""
 RAMP_STEP = 0.02
-"""[s] Between two steps of the ramp."""
+"""[s]"""
 
 
 class Ready(NamedTuple):
@@ -367,11 +364,11 @@ def raise_drive(lines: Sequence[BusLine], drives: Sequence[BusDrive], watch: Cal
 
 
 BOOT = 0.3
-"""[s] Between a restart and the first ping."""
+"""[s] Before the first ping."""
 RESTART_TIMEOUT = 3.0
 """[s] After which a silent servo is abandoned."""
 PING_PERIOD = 0.1
-"""[s] Between two pings."""
+"""[s]"""
 
 
 @dataclass(frozen=True)
