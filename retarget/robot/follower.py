@@ -1,6 +1,5 @@
-"""Stage 2, the follower: a human posture -> a posture of the robot, within the limits of its servos, on its soles.
-
-Besides following: settling at the start, and the return to stance at the end of a run.
+"""Stage 2, the follower: a human posture -> a robot posture within the limits of its servos, on its soles; settling at
+the start, and return to stance at the end.
 """
 
 from dataclasses import dataclass, replace
@@ -54,37 +53,35 @@ if TYPE_CHECKING:
     from retarget.types import HumanPosture
 
 
-# A stop may displace soles. The gate would refuse a return in one tick, as the robot could not stop then.
+# A stop may displace soles, and the gate would refuse a return in one tick.
 
 SLIPPED_M = 1e-4
-"""Distance from its place beyond which a sole returns slowly, m."""
+"""Displacement beyond which a sole returns slowly, m."""
 SOLE_BRAKING = 0.2
 """Deceleration of its return, m/s^2."""
 
 
 SETTLING_S = 8.0
-"""Longest settling before following: the robot moves from its stance to a performer who stands still, s."""
+"""Longest settling from the stance to a performer who stands still, s."""
 RESTING_SPEED, RESTING_S = 0.1, 0.04
-"""A robot rests if all its coordinates are slower (rad/s, m/s) for this time, s: longer than the turning point of a
-swing. A speed override scales both."""
+"""A robot rests if all coordinates are slower (rad/s, m/s) for this time, s: longer than a turning point. A speed
+override scales both."""
 
 
-# Return to stance: a robot on its soles goes to legs and trunk of its stance and arms of posture `attractor`, straight
-# in joint space, within balance and clearances. The rest trajectory, which is straight as well, always begins there:
-# from other legs it could tip the soles, and from other arms collide. There are no other targets, as a target for the
+# Return to stance: to legs and trunk of the stance and arms of `attractor`, straight in joint space. The rest
+# trajectory begins there, as from other legs it could tip the soles, and from other arms collide. A target for the
 # pelvis would be met by swinging the arms.
 
 RETURN_PENDULUM_TIMES = 7.5
-"""Duration of a return to stance if servos can, in sqrt(height of the centre of mass / g): faster ones move the
-zero-moment point towards the edge."""
+"""Duration of a return if servos can, in sqrt(height of the centre of mass / g): shorter ones tip the soles."""
 AT_SPEED = 0.999
-"""Least speed override at which a robot begins to walk, and goes on: steps have one pace."""
+"""Least speed override of a walk, as steps have one pace."""
 RESTS_S = 0.1
-"""Time at RESTING_SPEED after which the return is over, s. Limbs that meet may stand still for a tick."""
+"""Time at rest after which a return is over, s, as limbs that meet stand still for a tick."""
 LEAST_SHARE = 0.01
 """Least speed of the return, relative to the servos'."""
 RETURN_RISE_S, RETURN_JERK_S, DRIVEN_SETTLE_S = 0.2, 0.05, 0.1
-"""Times of acceleration and jerk of a return, and time constant with which joints follow a trajectory, s."""
+"""Times of acceleration and jerk of a return, and settling time of driven joints, s."""
 
 
 class StanceTrajectory:
@@ -109,13 +106,13 @@ class StanceTrajectory:
         self.reset(q)
 
     def reset(self, q: FloatArray) -> None:
-        """Go on from posture q (nq,), at rest, to which the robot was sent instead."""
+        """Go on from posture q (nq,), at rest, that was sent instead."""
         if self._moves is not None:
             self._moves.reset(q[self._joints])
 
     def goes_on(self, velocity: FloatArray, dt: float) -> bool:
-        """False after `dt` s once the robot rests in its stance, or as near to it as its limbs come. velocity
-        (nv,): commanded, per s."""
+        """False after `dt` s once the robot rests in its stance, or as near as limbs allow. velocity (nv,):
+        commanded."""
         assert self._moves is not None, "the return has begun"
         arrived = self._moves.at_rest and np.array_equal(self._moves.position, self._end)
         rests = arrived and float(np.abs(velocity).max()) < RESTING_SPEED
@@ -129,7 +126,7 @@ class StanceTrajectory:
 
 
 def stance_angles(robot: RobotBody) -> dict[str, float]:
-    """Joint angles, rad, at the end of a return to stance: legs and trunk of `stand`, the others of `attractor`."""
+    """Joint angles, rad, of a return to stance: legs and trunk of `stand`, the others of `attractor`."""
     postures, carrying = robot.profile.postures, standing_dofs(robot, TRUNK)
     return {
         joint: (postures.stand if carrying[robot.body.dof_index(joint)] else postures.attractor).get(joint, 0.0)
@@ -139,7 +136,7 @@ def stance_angles(robot: RobotBody) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class OnSoles:
-    """The parts of a follower on soles; each may be missing. to_stance: its return to stance. legs: if it walks."""
+    """The parts of a follower on soles, each of which may be missing."""
 
     balance: StandingBalance | None = None
     strength: StandingStrength | None = None
@@ -151,8 +148,7 @@ class OnSoles:
 class Follower:
     """Follows one performer with one robot, deterministically: `start`, then one `step` per tick.
 
-    It works in the world of the stance, which moves with a walking robot (`legs`); postures that go in and out are in
-    the world in which the robot began.
+    It works in the world of the stance, which moves in a walk; postures in and out are in the robot's first world.
     """
 
     def __init__(
@@ -166,7 +162,7 @@ class Follower:
         scene: SceneState | None = None,
     ) -> None:
         """dimensions: of the performer. parts: `upper` keeps pelvis and legs still. iterations: replaces the
-        priorities'. scene: in the robot's world. Raises ConfigError if the priorities name what the robot lacks."""
+        priorities'. scene: in the robot's world. Raises ConfigError for names that the robot lacks."""
         self._robot = robot
         self.stance = stance = plant(robot, robot.profile.postures.stand)
         limits = following_limits(robot, stance, priorities.deflection_compensation)
@@ -200,7 +196,7 @@ class Follower:
             )
         self._reader = RobotReader(robot, stance)
         self.strategies: Strategies | None = None
-        """Strategies for places beyond the arms' reach; None: arms alone."""
+        """None: arms alone."""
         if priorities.strategies and envelope is not None and balance is not None:
             self.strategies = strategies_of(
                 robot,
@@ -284,7 +280,7 @@ class Follower:
         )
 
     def start(self, human: "HumanPosture") -> RobotPosture:
-        """Stand at rest. The robot goes to the performer's posture tick by tick."""
+        """Stand at rest, before moving to the performer's posture tick by tick."""
         self.landmark_map.restart()
         self._motion.restart()
         self._arms.restart()
@@ -300,8 +296,7 @@ class Follower:
         return self._posture(self._desired(human, 0.0))
 
     def settle(self, human: "HumanPosture", dt: float) -> RobotPosture | None:
-        """Next posture on the path from `start` to a performer who stands still; None: the robot is
-        there."""
+        """Next posture from `start` to a performer who stands still; None: the robot is there."""
         if self._rest.held >= RESTING_S or self._settled_s >= SETTLING_S:
             self.scene_obstacles.begin()
             return None
@@ -354,7 +349,7 @@ class Follower:
         upper.set_previous(targets, q, dt, settle=DRIVEN_SETTLE_S if driven else inf)
         legs.foresee(q, velocity, dt)
         self._reached = reached = self._reader.read(upper.solver.frame(targets, dt, self._speed))
-        # Soles and pelvis are on their path, and other landmarks move along with the pelvis.
+        # Soles and pelvis are on their path, and other landmarks move along.
         names, soles = self.landmark_map.names, {sole.frame.name for sole in self.stance.soles}
         pelvis = names.index(PELVIS)
         along = minus(reached.landmarks[pelvis], desired.landmarks[pelvis])
@@ -363,13 +358,11 @@ class Follower:
         return self._posture(replace(desired, landmarks=landmarks))
 
     def _advance(self, desired: DesiredLandmarks, dt: float, *, to_stance: bool = False) -> None:
-        """Go on by `dt` s towards the desired landmarks, or to the stance."""
         targets, hierarchy, q = self._targets, self.hierarchy, self._q
         self.scene_obstacles.tick(hierarchy, dt)
         soles = self._soles
         if soles.balance is not None:
             if soles.stop is not None and soles.stop.footing is not None:
-                # Displaced soles return no faster than legs can stop.
                 slip, _ = soles.stop.footing.losses(q[None])
                 if slip > SLIPPED_M:
                     share = braking_displacement(slip, SOLE_BRAKING * dt * dt) / slip
@@ -425,27 +418,25 @@ class Follower:
             self._soles.to_stance.begin(q, dt)
 
     def set_speed_override(self, override: float) -> None:
-        """Follow at a share (0, 1] of all speeds, and its square of all accelerations, from the next tick on."""
+        """Follow at a share (0, 1] of all speeds, and its square of accelerations."""
         self._speed = override
 
     def stop(self, dt: float) -> StopPath | None:
-        """Stop on its soles from the last planned posture; None: its legs do not move."""
+        """The stop from the last planned posture; None: its legs do not move."""
         if self.legs is not None and self.legs.walks:
             return self.legs.stop(self._q, self._solver.velocity, dt)
         return self._moved(self._stop(self._q, self._solver.velocity, dt))
 
     def stop_from(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath | None:
-        """Stop on its soles from posture q (nq,) and velocity (nv,) per s; None: its legs do not move."""
+        """The stop from posture q (nq,) and velocity (nv,) per s; None: its legs do not move."""
         if self.legs is not None:
             q, velocity = self.legs.seen(q, velocity)
         return self._moved(self._stop(q, velocity, dt))
 
     def _stop(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath | None:
-        """Stop in the world of the stance."""
         return None if self._soles.stop is None else self._soles.stop.path(q, velocity, dt)
 
     def _moved(self, stop: StopPath | None) -> StopPath | None:
-        """Stop of the world of the stance in the world."""
         return stop if stop is None or self.legs is None else self.legs.moved(stop)
 
     def resume(self) -> None:
@@ -453,14 +444,14 @@ class Follower:
         self._motion.restart()
 
     def pass_time(self, dt: float) -> None:
-        """Move obstacles in a tick in which the follower does not drive the robot."""
+        """Move obstacles in a tick without the follower."""
         if self.legs is not None:
             self.legs.hold()
         self.scene_obstacles.tick(None, dt)
 
     def reseed(self, q: FloatArray, velocity: FloatArray, *, rests: bool = True) -> None:
-        """Go on from posture q (nq,) and velocity (nv,) per s, to which the robot was sent instead. rests: trajectories
-        of joints begin at rest there."""
+        """Go on from posture q (nq,) and velocity (nv,) per s, that were sent instead. rests: trajectories of joints
+        begin at rest."""
         if self.legs is not None:
             self.legs.locate(q)
             q, velocity = self.legs.seen(q, velocity)

@@ -1,9 +1,8 @@
 """Landmarks of a robot: their desired places for a human posture, and their actual places in a robot posture.
 
-Points are in the robot's world: origin on the ground between the planted soles, x forward. Desired landmarks depend on
-the performer and on constants of the robot alone, so that tracking errors show any lag. The trunk and the height of the
-pelvis stay within the crouch envelope, the trunk carries the shoulders, and hands are placed from there by the length
-of the arm.
+Points are in the robot's world: origin on the ground between the soles, x forward. Desired landmarks depend on the
+performer and on constants of the robot alone, so that tracking errors show any lag. The trunk carries the shoulders,
+and hands are placed from there by the length of the arm.
 """
 
 from collections.abc import Mapping, Sequence
@@ -54,13 +53,13 @@ if TYPE_CHECKING:
 # The slow heading in which a planted robot mirrors the performer, who may turn round.
 
 SETTLE_S = 1.0
-"""Time constant of the heading, s: slower than a twist of the trunk, faster than a turn of the whole body."""
+"""Time constant, s: slower than a twist of the trunk, faster than a turn of the whole body."""
 CLEAR = 0.2
-"""Length of the mean of the unit directions below which the heading is kept."""
+"""Least length of the mean of the unit directions; below it the heading is kept."""
 
 
 class Facing:
-    """Mean ground direction of pelvis (weight 1/2), left and right foot (1/4 each), through a first-order low pass."""
+    """Mean ground direction of pelvis (weight 1/2) and feet (1/4 each), through a first-order low pass."""
 
     def __init__(self) -> None:
         self.restart()
@@ -72,10 +71,10 @@ class Facing:
     def update(
         self, pelvis: Quat, left_foot: Sequence[float], right_foot: Sequence[float], dt: float
     ) -> tuple[float, float]:
-        """Heading (x, y), a unit vector on the ground, `dt` s after the last one.
+        """Heading (x, y), a unit vector on the ground, `dt` s later.
 
-        pelvis: wxyz; forward is square to its left axis, which bending leaves alone. feet: from ankle to toe, of any
-        length. Values that are not finite are left out.
+        pelvis: wxyz; forward is square to its left axis. feet: from ankle to toe, m. Values that are not finite are
+        left out.
         """
         x, y = _seen(pelvis, left_foot, right_foot)
         length = hypot(x, y)
@@ -103,22 +102,22 @@ def _seen(pelvis: Quat, left_foot: Sequence[float], right_foot: Sequence[float])
     return x, y
 
 
-# Performers' feet pass close to each other and cross, where those of most hanging robots would collide.
+# Performers' feet pass close and cross, where those of most hanging robots would collide.
 
 KNEE = 0.1
-"""Share of the least distance over which the limit sets in smoothly."""
+"""Share of the least distance over which the limit sets in."""
 
 
 @dataclass(frozen=True)
 class FootSeparation:
-    """Rows of the landmarks of the left and right foot, and the least distance sideways between them, m."""
+    """Rows of the landmarks of both feet, and their least distance sideways, m."""
 
     left: int
     right: int
     least: float
 
     def apply(self, landmarks: list[Vector], aside: tuple[float, float] = (0.0, 1.0)) -> None:
-        """Move both feet of `landmarks`, m, apart in place. aside: unit vector on the ground to the body's left."""
+        """Move both feet of `landmarks`, m, apart in place. aside: unit vector on the ground to the left."""
         (lx, ly, lz), (rx, ry, rz) = landmarks[self.left], landmarks[self.right]
         x, y = aside
         distance, room = x * (lx - rx) + y * (ly - ry), KNEE * self.least
@@ -140,27 +139,26 @@ def foot_separation(profile: RobotProfile, stance: Stance, rows: Sequence[str]) 
     return FootSeparation(left, right, least) if least > 0.0 else None
 
 
-# The pelvis is as high as the performer's bearing leg is long: in a stride both of their legs are straight and their
-# pelvis is low, but the robot's feet are side by side. The bearing leg has a low ankle below its hip. Near a straight
-# leg small changes of height need large ones of the knee, so small deviations are filtered slowly and large ones
-# quickly.
+# The pelvis is as high as the performer's bearing leg is long: in their stride both legs are straight and the pelvis is
+# low, but the robot's feet are side by side. As small changes near a straight leg need large ones of the knee, they are
+# filtered slowly.
 
 UNDER = 0.15
-"""Distance of an ankle from the point below its hip, as a share of the leg, at which it bears half as much."""
+"""Distance of an ankle from below its hip, relative to the leg, at which it bears half as much."""
 LIFT_COUNTS = 4.0
-"""Weight of an ankle's height above the other one in this distance, as feet are lifted less than they move."""
+"""Weight of an ankle's height in this distance."""
 STRAIGHT, STRAIGHT_KNEE = 0.97, 0.015
-"""Share of the leg from which a performer's counts as stretched, as five sensors measure it to 3 %; width of the
-limit's smooth transition."""
+"""Share from which a performer's leg counts as stretched, as five sensors measure it to 3 %, and width of the
+transition."""
 HEIGHT_SETTLE_S, HEIGHT_BAND = 0.6, 0.02
-"""Time constant (s) of the height for small deviations, and the deviation (share of the leg) at which it is halved."""
+"""Time constant (s) of small deviations, and deviation, relative to the leg, at which it is halved."""
 
 
 class PelvisOverFeet:
-    """Filters the place of the middle of the hips above the middle of both ankles, in the robot's world and size."""
+    """Filters the middle of the hips above the middle of both ankles, in the robot's world and size."""
 
     def __init__(self, leg: float) -> None:
-        """leg: length of the performer's stretched leg in the robot's size, m."""
+        """leg: the performer's stretched leg in the robot's size, m."""
         self._leg = leg
         self.restart()
 
@@ -171,15 +169,15 @@ class PelvisOverFeet:
     def step(self, hips: Vector, legs: Sequence[Vector], higher: float, dt: float) -> Vector:
         """Desired place of the hips, m, `dt` s later.
 
-        hips: of the performer, from the middle of both ankles; legs: from left hip to left ankle, and right; higher:
-        height of the left ankle above the right one; all scaled to the robot, m.
+        hips: of the performer, from between the ankles; legs: from hip to ankle, left and right; higher: height of the
+        left ankle above the right one, m; all scaled to the robot.
         """
         shares = []
         for (x, y, _), lift in zip(legs, (max(higher, 0.0), max(-higher, 0.0)), strict=True):
             off = (x * x + y * y + LIFT_COUNTS * LIFT_COUNTS * lift * lift) / (UNDER * UNDER * self._leg * self._leg)
             shares.append(1.0 / (1.0 + off * off))
         share = shares[0] / (shares[0] + shares[1])  # of the left leg
-        # The horizontal offset that both legs have in common: hips move back in a squat.
+        # Common horizontal offset of both legs, as hips move back in a squat.
         x, y = (sorted((legs[0][axis], 0.0, legs[1][axis]))[1] for axis in (0, 1))
         left, right = (hypot(hypot(*leg[:2]), leg[2]) for leg in legs)
         length = soft_cap((share * left + (1.0 - share) * right) / STRAIGHT, self._leg, STRAIGHT_KNEE)
@@ -191,25 +189,22 @@ class PelvisOverFeet:
 
 
 CROUCH_KNEE = 0.1
-"""Share of the range of heights, at its lower end, in which the limit sets in smoothly."""
+"""Share of the range of heights in which the limit sets in."""
 LEAN_KNEE = 0.3
-"""Share of the greatest lean in which the limit sets in smoothly."""
+"""Share of the greatest lean in which the limit sets in."""
 TRUNK_LINE = {"neck": 1.0, "l_hip": -0.5, "r_hip": -0.5}
-"""From the middle of the hips to the base of the neck, as a sum of joints."""
 FEET = ({"l_toe": 1.0, "l_ankle": -1.0}, {"r_toe": 1.0, "r_ankle": -1.0})
-"""From ankle to toe."""
 PELVIS = "pelvis"
 PELVIS_JOINTS = {"pelvis", "l_hip", "r_hip"}
 """The trunk carries limbs that are measured from these joints."""
 HEAD_ALONE = ("head",)
 ANKLES, HIPS = ("l_ankle", "r_ankle"), ("l_hip", "r_hip")
 FORWARD = (1.0, 0.0, 0.0)
-"""Unit vector in the robot's world."""
 
 
 class Role(Enum):
-    """Base of a landmark: its place in the stance, the pelvis, a limb that leans with the trunk, a limb whose anchor
-    the trunk carries, or a limb that begins at another landmark."""
+    """Base of a landmark: its place in the stance, the pelvis, a limb that leans with the trunk, a limb that the trunk
+    carries, or another landmark."""
 
     STILL = 0
     PELVIS = 1
@@ -220,11 +215,11 @@ class Role(Enum):
 
 @dataclass(frozen=True, eq=False)
 class DesiredLandmarks:
-    """Desired places at one instant, in the robot's world frame.
+    """Desired places at one instant, in the robot's world.
 
-    landmarks: k points, m, in the order of the profile. limbs: lines, m, in the order of `limb_names`. trunk: wxyz,
-    the identity for a performer who stands upright and faces the heading. gaze: unit direction of the eyes. soles: of
-    free legs only. whole: place of the pelvis, m, and orientation of the trunk before the envelope limits them.
+    landmarks: in the order of the profile, m. limbs: lines, m, see `limb_names`. trunk: wxyz, the identity for an
+    upright performer who faces the heading. gaze: unit vector. soles: of free legs. whole: pelvis, m, and trunk before
+    the envelope limits them.
     """
 
     landmarks: list[Vector]
@@ -237,7 +232,7 @@ class DesiredLandmarks:
 
 @dataclass(frozen=True)
 class DesiredSole:
-    """A sole of free legs: name of its landmark and of its frame, orientation wxyz, and weight of its place."""
+    """Sole of free legs: names of landmark and frame, orientation wxyz, weight of its place."""
 
     name: str
     frame: str
@@ -247,8 +242,8 @@ class DesiredSole:
 
 @dataclass(frozen=True)
 class _Mark:
-    """One landmark. place: in the stance; offset: from the end of the limb; carried: from the pelvis to its anchor, in
-    the frame of an upright trunk, all m. joined: row of the landmark at which the limb begins."""
+    """One landmark. place: in the stance; offset: from the end of the limb; carried: anchor from the pelvis of an
+    upright trunk, m. joined: row of the landmark at its base."""
 
     role: Role
     place: Vector
@@ -269,8 +264,8 @@ class LandmarkMap:
         *,
         floats: bool = False,
     ) -> None:
-        """envelope: None where pelvis and trunk stay in place. floats: the robot follows the performer's path
-        (`FreeLegs`). Raises ConfigError if it has no legs for that."""
+        """envelope: None keeps pelvis and trunk in place. floats: with `FreeLegs`. Raises ConfigError for a robot
+        without legs for that."""
         self.names = tuple(profile.landmarks)
         self._envelope = envelope
         self._facing = Facing()
@@ -300,7 +295,7 @@ class LandmarkMap:
         self._pelvis = None if pelvis is None else self.names.index("pelvis")
         self._feet = as_vector(anchors[self._pelvis]) if self._pelvis is not None else (0.0, 0.0, 0.0)
         ends = [as_vector(stance.points[entry.frame]) for entry in entries]
-        rows: dict[str, int] = {}  # of the landmarks above, by frame
+        rows: dict[str, int] = {}  # by frame
         for row, (name, entry) in enumerate(profile.landmarks.items()):
             joined = rows.get(entry.anchor[0])
             if entry.frame in soles or (name == "pelvis" and stays):
@@ -320,11 +315,10 @@ class LandmarkMap:
         self._trunk_line = [as_vector(stance.points[TRUNK] - stance.points[PELVIS])] if TRUNK in names else []
         limbs = [minus(end, as_vector(begin)) for end, begin in zip(ends, anchors, strict=True)]
         self.standing = DesiredLandmarks(ends, self._of_limbs(limbs, NO_TURN), NO_TURN, FORWARD)
-        """The landmarks of the stance."""
 
     @property
     def note(self) -> str:
-        """A sentence for the operator where the robot can hardly crouch, else ""."""
+        """Note for the operator if the robot can hardly crouch, else ""."""
         return "" if self._envelope is None else self._envelope.note
 
     def restart(self) -> None:
@@ -336,20 +330,19 @@ class LandmarkMap:
             self._free.restart()
 
     def desired(self, human: "HumanPosture", dt: float) -> DesiredLandmarks:
-        """Desired landmarks for a posture, `dt` s of the robot's clock after the last one."""
+        """Desired landmarks for a posture, `dt` s after the last one."""
         names, weights = self._summed
         if human.joint_names is not names:
             weights = _weights(self._sums, human.joint_names)
             self._summed = human.joint_names, weights
-        # Each limb is a weighted sum of joints, scaled to the robot. Rows, in the performer's world: k limbs, the
-        # trunk, two feet, two legs, the line between the ankles, and those of free legs.
+        # Rows of weighted sums of joints, scaled, in the performer's world: k limbs, trunk, two feet, two legs, the
+        # line between the ankles, and those of free legs.
         rows = matmul(weights, human.joints).tolist()
         pelvis_seen, chest_seen, head_seen = map(as_quat, human.orientations)
         feet = len(self.names) + 1
-        # A robot with free legs keeps the first heading.
         x, y = self._facing.update(pelvis_seen, rows[feet], rows[feet + 1], dt if self._free is None else 0.0)
-        # (x, y) is the unit vector of the performer's heading, which becomes the robot's x axis. `from_world` is the
-        # same turn as a quaternion, from the half angles of its cosine.
+        # (x, y), the unit vector of the heading, becomes the robot's x axis. `from_world` is the same turn as a
+        # quaternion.
         limbs: list[Vector] = [(x * a + y * b, x * b - y * a, c) for a, b, c in rows]
         from_world = (sqrt(max(0.5 + 0.5 * x, 0.0)), 0.0, 0.0, -copysign(sqrt(max(0.5 - 0.5 * x, 0.0)), y))
         chest = product(from_world, chest_seen)
@@ -392,7 +385,7 @@ class LandmarkMap:
         carrying: Carrying,
         dt: float,
     ) -> DesiredLandmarks:
-        """limbs: all rows, in the robot's world. aside: unit vector on the ground to the performer's left, or zero."""
+        """limbs: all rows. aside: unit vector on the ground to the performer's left, or zero."""
         feet = len(self.names) + 1
         hips, *ankles = limbs[feet + 5 :]
         turns, weights = free.turns(limbs[feet : feet + 2]), free.weights(carrying, dt)
@@ -429,7 +422,7 @@ class LandmarkMap:
     def _desired_pelvis(
         self, limbs: list[Vector], legs: list[Vector], higher: float, seen: Quat, dt: float
     ) -> tuple[Vector, Vector]:
-        """The pelvis within the envelope for the lean of the trunk, and without these bounds."""
+        """The pelvis within the envelope, and without these bounds."""
         if self._envelope is None or self._pelvis is None:
             place = (0.0, 0.0, 0.0) if self._pelvis is None else self._marks[self._pelvis].place
             return place, place
@@ -450,14 +443,14 @@ class LandmarkMap:
         if across < 1e-9:
             return seen
         lean = arctan2(across, z)
-        # The axis of the lean is horizontal, and square to the direction of the lean.
+        # The axis of the lean is horizontal.
         less = soft_cap(lean, self._envelope.most_lean(height, x, y), LEAN_KNEE)
         return product(axis_turn((-y / across, x / across, 0.0), less - lean), seen)
 
 
 def leg_scale(profile: RobotProfile, rest: Mapping[str, FloatArray]) -> float:
-    """Scale of lengths from the performer's leg to the robot's; 0 where the pelvis does not follow the hips from the
-    ankles. rest: places (3,) m of the performer's joints, standing."""
+    """Scale of lengths from the performer's leg to the robot's, or 0 for a pelvis without it. rest: places (3,) m of
+    joints, standing."""
     pelvis = profile.landmarks.get("pelvis")
     if pelvis is None or (set(pelvis.follows), set(pelvis.measured_from)) != (set(HIPS), set(ANKLES)):
         return 0.0
@@ -497,7 +490,7 @@ def _limb(entry: Landmark, rest: Mapping[str, FloatArray]) -> dict[str, float]:
 
 
 def limb_scale(entry: Landmark, rest: Mapping[str, FloatArray]) -> float:
-    """Ratio of the length of a robot's limb to the performer's. rest: places (3,) m of joints, standing."""
+    """Length of a robot's limb relative to the performer's. rest: places (3,) m of joints, standing."""
     chain = [np.mean([rest[name] for name in point], axis=0) for point in entry.human_length]
     return entry.robot_length / fsum(norm(b - a) for a, b in pairwise(chain))
 
@@ -514,8 +507,8 @@ def _weights(sums: Sequence[Mapping[str, float]], joint_names: Sequence[str]) ->
 class Reached:
     """Actual landmarks of a posture, in the robot's world.
 
-    points: (k, 3) m, and the same as tuples in `landmarks`. limbs: lines, m, in the order of `limb_names`. trunk: wxyz
-    relative to its stance. gaze: unit direction of the eyes. centre_of_mass: (3,) m.
+    points: (k, 3) m, and as tuples in `landmarks`. limbs: lines, m, see `limb_names`. trunk: wxyz relative to the
+    stance. gaze: unit vector. centre_of_mass: (3,) m.
     """
 
     points: FloatArray
@@ -527,7 +520,7 @@ class Reached:
 
 
 class RobotReader:
-    """Computes landmarks, trunk and gaze of one robot from its postures."""
+    """Actual landmarks, trunk and gaze of one robot."""
 
     def __init__(self, robot: RobotBody, stance: Stance) -> None:
         limbs = robot_limbs(robot).values()
@@ -540,7 +533,7 @@ class RobotReader:
         self._probe = Probe(body, [place.body for place in places], local, [trunk.body, head.body])
         self._head = as_quat(head.quat)
         self.trunk_at_stance = as_quat(robot.orientations(stance.q[None], (TRUNK,))[0, 0])
-        """Orientation wxyz of the trunk's frame in the stance, where the performer's trunk is upright."""
+        """Orientation wxyz of the trunk's frame in the stance."""
         self._trunk = product(as_quat(trunk.quat), inverse(self.trunk_at_stance))
 
     def read(self, q: FloatArray) -> Reached:
@@ -559,19 +552,19 @@ class RobotReader:
 
 
 def robot_frames(robot: RobotBody) -> dict[str, Frame]:
-    """Frames that a priority file may name: landmarks, frames of the profile, links and sites of the body."""
+    """Frames for a priority file: landmarks, frames of the profile, links and sites of the body."""
     frames = body_frames(robot.body) | {name: robot.frame(name) for name in robot.profile.frames}
     return frames | {name: robot.frame(entry.frame) for name, entry in robot.profile.landmarks.items()}
 
 
 def limb_names(profile: RobotProfile) -> tuple[str, ...]:
-    """Names of landmarks with one anchor; and `neck`, the line from the pelvis to it, if the profile has a pelvis."""
+    """Landmarks with one anchor; and `neck`, the line from the pelvis to it, if there is one."""
     joined = tuple(name for name, entry in profile.landmarks.items() if len(entry.anchor) == 1)
     return (*joined, TRUNK) if PELVIS in profile.frames else joined
 
 
 def robot_limbs(robot: RobotBody) -> dict[str, Limb]:
-    """The limbs of `limb_names`, each with its frames and its length, m."""
+    """The limbs of `limb_names`: frames and length, m."""
     marks, limbs = robot.profile.landmarks, dict[str, Limb]()
     for name in limb_names(robot.profile):
         end, begin = (marks[name].frame, marks[name].anchor[0]) if name in marks else (TRUNK, PELVIS)
@@ -582,7 +575,7 @@ def robot_limbs(robot: RobotBody) -> dict[str, Limb]:
 
 
 def robot_postures(robot: RobotBody, stance: Stance) -> dict[str, FloatArray]:
-    """The postures (nq,) of the profile by name, with the root of the stance."""
+    """Postures (nq,) of the profile by name, with the root of the stance."""
     postures = {}
     for name, angles in robot.profile.postures.model_dump(exclude={"to_rest", "stays_at_rest"}).items():
         q = robot.posture(angles)
@@ -593,7 +586,7 @@ def robot_postures(robot: RobotBody, stance: Stance) -> dict[str, FloatArray]:
 
 
 def standing_targets(hierarchy: Hierarchy, stance: Stance) -> FloatArray:
-    """Target vector of a robot that faces forward on its soles."""
+    """Targets of a robot that faces forward on its soles."""
     targets = hierarchy.blank()
     hierarchy.set_heading(targets, (1.0, 0.0))
     plant_soles(hierarchy, targets, stance)
@@ -601,7 +594,7 @@ def standing_targets(hierarchy: Hierarchy, stance: Stance) -> FloatArray:
 
 
 def plant_soles(hierarchy: Hierarchy, targets: FloatArray, stance: Stance) -> None:
-    """Set the targets of the soles to their places in the stance."""
+    """Set the targets of the soles to their places."""
     for sole in stance.soles:
         hierarchy.set_position(targets, sole.frame.name, sole.position)
         hierarchy.set_orientation(targets, sole.frame.name, sole.orientation)
@@ -610,7 +603,7 @@ def plant_soles(hierarchy: Hierarchy, targets: FloatArray, stance: Stance) -> No
 def plant_back(
     hierarchy: Hierarchy, targets: FloatArray, stance: Stance, body: SolverBody, q: FloatArray, share: float
 ) -> None:
-    """Set the targets of the soles to a share of the path from posture q (nq,) back to their places in the stance."""
+    """Set the targets of the soles of posture q (nq,) to a share of the path back to their places."""
     frames = [sole.frame for sole in stance.soles]
     links, local = [frame.body for frame in frames], np.array([frame.position for frame in frames])
     places, turned = body.points(q[None], links, local)[0], body.orientations(q[None], links)[0]
@@ -623,7 +616,7 @@ def plant_back(
 
 
 def standing_dofs(robot: RobotBody, *frames: str) -> BoolArray:
-    """Mask (nv,) of a free root and of the joints from the root to soles and `frames`, which carry the robot."""
+    """Mask (nv,) of the DoFs that carry the robot: a free root, and joints from the root to soles and `frames`."""
     ends = [robot.frame(name).body for name in (*(foot.frame for foot in robot.profile.feet.values()), *frames)]
     body = robot.body
     moved = np.repeat(body.joint_body, np.diff(body.joint_dof, append=body.nv))  # (nv,) link that each DoF moves

@@ -41,17 +41,17 @@ HANDS = ("l_hand", "r_hand")
 NODES = 4
 """Nodes per length of an arm."""
 HEIGHTS = 5
-"""Heights of the pelvis, from the crouch envelope's lowest to the stance's."""
+"""Heights of the pelvis, from the envelope's lowest to the stance's."""
 CLOSE_M, KEPT = 0.004, 0.002
-"""Errors, m and rad, up to which a place is reached, and tasks of higher levels are kept."""
+"""Errors up to which a place is reached, and higher levels are kept, m and rad."""
 REACH: Mapping[str, Any] = {"iterations": 6, "damping": 0.5}
 """Parameters of the solver."""
 FRAMES, PROGRESS_M = 8, 0.001
-"""Greatest number of frames for a place, and progress of a frame, m, below which it is given up."""
+"""Greatest number of frames for a place, and least progress of one, m."""
 WAYPOINTS = (0.25, 0.5, 0.75)
-"""Shares of the path to a place that are targets first, a frame each."""
+"""Shares of the path to a place that are targets first."""
 AMID = 4
-"""Number of reached neighbours from which a missed node is tried again."""
+"""Reached neighbours of a missed node that is tried again."""
 FREED = 0.1
 """Relative weight of a free trunk."""
 FORMAT = b"reach 4"
@@ -64,8 +64,7 @@ Node = tuple[int, int, int]
 
 
 class FreeTrunk:
-    """Weights of a hierarchy between hands that follow the lines of arms, and hands with places in the world and a free
-    trunk."""
+    """Weights between hands by the lines of arms, and hands with places in the world and a free trunk."""
 
     def __init__(self, priorities: Priorities, hierarchy: Hierarchy) -> None:
         self._hierarchy = hierarchy
@@ -91,8 +90,8 @@ def is_height(task: PositionTask) -> bool:
 
 
 class HandReach:
-    """The map of one hand, m. low (3,): the first node; spacing: of nodes; field (x, y, z, 1 + h + 3): distances to the
-    edges of the arm's reach and of that at each of h heights, and the line to the nearest place in reach."""
+    """The map of one hand, m. low (3,): first node; spacing: of nodes; field (x, y, z, 1 + h + 3): distances to the
+    edges of the arm's reach and of that at h heights, and the line to the nearest place in reach."""
 
     def __init__(self, low: FloatArray, spacing: float, field: FloatArray) -> None:
         self.low, self.spacing, self.field = low, spacing, field
@@ -186,7 +185,7 @@ class ReachProbe:
         return ReachMap(tuple(hands), self.heights)
 
     def _flood(self, hand: str, height: float | None) -> "_Layer":
-        """The reach of a hand with the pelvis at a height, m; None: by the arm in the stance."""
+        """Reach of a hand with the pelvis at a height, m; None: by the arm in the stance."""
         layer, row = _Layer({}, []), self._rows[hand]
         targets, by_place = self._standing.copy(), float(height is not None)
         if height is not None:
@@ -198,7 +197,7 @@ class ReachProbe:
         ends: dict[Node, FloatArray] = {}
 
         def reach(node: Node, q: FloatArray, shares: Sequence[float]) -> None:
-            """Try a node from posture q (nq,), by shares of the path from the stance's place."""
+            """Try a node from posture q (nq,), by shares of the path."""
             place = self.spacing * np.array(node)
             for share in (*shares, 1.0):
                 targets[slots] = (1.0, *(at + share * (place - at) - begin).tolist())
@@ -229,8 +228,8 @@ class ReachProbe:
     def _go(
         self, targets: FloatArray, q: FloatArray, row: int, place: FloatArray | None, height: float | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Go on from posture q (nq,) to a place, m. Returns the final posture and place (3,) m of a landmark; NaN if
-        higher levels, or the height of the pelvis, are missed."""
+        """Final posture (nq,) on the path to a place, m, and place (3,) m of a landmark; NaN if higher levels are
+        missed."""
         solver, last = self._hierarchy.solver, np.inf
         for _ in range(FRAMES):
             q = self._frame(targets, q)
@@ -255,7 +254,7 @@ class ReachProbe:
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
-    """Nodes that were tried, and whether each was reached; places (3,) m at which the hand ended."""
+    """Nodes that were tried, and if they were reached; places (3,) m at which the hand ended."""
 
     reached: dict[Node, bool]
     places: list[FloatArray]
@@ -289,8 +288,7 @@ def _hand_reach(layers: Sequence[_Layer], spacing: float) -> HandReach:
 def _distances(
     nodes: FloatArray, reached: BoolArray, missed: BoolArray, places: Sequence[FloatArray], spacing: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Distances (n,) of nodes (n, 3) to the edge, and lines (n, 3) to the nearest place of a hand, zero for reached
-    ones."""
+    """Distances (n,) of nodes (n, 3) to the edge, and lines (n, 3) to the nearest place of a hand, m."""
     distance, line = np.full(len(nodes), FAR_M), np.zeros((len(nodes), 3))
     if places:
         ends = np.array(places)
@@ -308,7 +306,7 @@ def _distances(
 
 
 def map_path(robot: RobotBody, priorities: Priorities) -> Path:
-    """Place of the map of a robot with these priorities in the cache."""
+    """Place of a robot's map in the cache."""
     digest = sha256(
         FORMAT + f" {NODES} {HEIGHTS} ".encode() + robot.content + priorities.model_dump_json().encode()
     ).hexdigest()
@@ -343,7 +341,7 @@ def load_map(path: Path) -> ReachMap | None:
 
 
 def reach_map(robot: RobotBody, priorities: Priorities, probe: Callable[[], ReachProbe]) -> ReachMap:
-    """Map of a robot, from the cache or measured by a probe; it is kept in the cache if possible."""
+    """Map of a robot, from the cache or measured by a probe and kept there."""
     path = map_path(robot, priorities)
     found = load_map(path)
     if found is None:

@@ -1,5 +1,4 @@
-"""The legs of a walking robot, and the place of its stance in the world: on its soles, or under its pelvis in a
-walk."""
+"""The legs of a walking robot, and the place of its stance: on its soles, or under its pelvis in a walk."""
 
 from dataclasses import dataclass, replace
 from math import degrees
@@ -33,7 +32,7 @@ NO_SPACES = np.zeros((0, 4))
 
 @dataclass(frozen=True)
 class StancePlace:
-    """Place of the stance in the world, on the floor: x, y m; yaw rad."""
+    """Place of the stance in the world: x, y m; yaw rad."""
 
     x: float = 0.0
     y: float = 0.0
@@ -56,7 +55,7 @@ class StancePlace:
         return StancePlace(x, y, -self.yaw)
 
     def point(self, local: Vector) -> Vector:
-        """Point, m, of the stance's world in the world."""
+        """A point, m, of the stance's world in the world."""
         x, y, z = rotated(self.turn, local)
         return self.x + x, self.y + y, z
 
@@ -82,8 +81,8 @@ class StancePlace:
 
 
 class Legs:
-    """Legs of one robot. upper: hierarchy of all else in a walk. velocity: of a stick, in the robot's frame, all zeros
-    to stand; None: the robot follows the performer's travel."""
+    """Legs of one robot. upper: hierarchy of all else in a walk. velocity: of a stick, all zeros to stand; None: the
+    robot follows the performer's travel."""
 
     def __init__(
         self,
@@ -95,7 +94,7 @@ class Legs:
         *,
         scale: float,
     ) -> None:
-        """limits (nv,): of following. carrying (nv,): the root and the joints of the legs. scale: of lengths, from the
+        """limits (nv,): of following. carrying (nv,): root and joints of the legs. scale: of lengths, from the
         performer's leg to the robot's."""
         self._scale = scale
         self._travel: Travel | None = None
@@ -155,7 +154,7 @@ class Legs:
         return fastest(gait_of(self._robot, self._stance, dt=dt))
 
     def begin(self, stop: StopPath | None, q: FloatArray, velocity: FloatArray, dt: float) -> None:
-        """Begin to walk. stop: present stop, world. q (nq,), velocity (nv,): in the world of the stance."""
+        """Begin to walk. stop: world. q (nq,), velocity (nv,): in the world of the stance."""
         assert stop is not None, "its legs move"
         if self._walker is None:
             limits, dofs = self._limits, self._dofs
@@ -168,8 +167,7 @@ class Legs:
         self.upper.solver.correct(q, velocity)
 
     def step(self, request: Request | None, dt: float) -> tuple[FloatArray, FloatArray]:
-        """Go on by a tick. Returns posture (nq,) and velocity (nv,) in the world of the stance, with the legs at rest
-        at the end of the walk."""
+        """Go on by a tick. Returns posture (nq,) and velocity (nv,) in the world of the stance."""
         walker, q, velocity = self._walker, self.upper.solver.q, self.upper.solver.velocity
         assert walker is not None and walker.path is not None, "it walks"
         walker.step(request, q, None if self._travel is None else self._travel.swing)
@@ -204,8 +202,8 @@ class Legs:
             self._plant()
 
     def stop(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath:
-        """Stop, world: the rest of the path, while other joints brake in proportion. q (nq,), velocity
-        (nv,): in the world of the stance."""
+        """The stop, world: the rest of the path, while other joints brake. q (nq,), velocity (nv,): in the world of the
+        stance."""
         walker = self._walker
         assert walker is not None and walker.path is not None and self._brakes is not None, "it walks"
         path, row, others = walker.path, walker.row, walker.others
@@ -217,8 +215,7 @@ class Legs:
         return StopPath(postures, None, path.pattern.carries[on_path])
 
     def foresee(self, q: FloatArray, velocity: FloatArray, dt: float) -> None:
-        """Make the upper body keep clear of the legs' future postures. q (nq,), velocity (nv,): in the world of the
-        stance."""
+        """Keep the upper body clear of the legs' future. q (nq,), velocity (nv,): in the world of the stance."""
         walker = self._walker
         assert walker is not None and self._brakes is not None, "it walks"
         others = walker.others
@@ -229,7 +226,7 @@ class Legs:
         self.upper.solver.foresee(rest, dt * max(len(rows), 1))
 
     def locate(self, q: FloatArray) -> None:
-        """Go on from a posture (nq,), world, to which the robot was sent instead of that of the last `step`."""
+        """Go on from a posture (nq,), world, that was sent instead."""
         walker = self._walker
         if walker is not None and walker.path is not None:
             walker.locate(q)
@@ -239,7 +236,7 @@ class Legs:
                 self._go_along(q, float(walker.path.pattern.yaws[walker.row]))
 
     def hold(self) -> None:
-        """Plan no further while the follower does not drive the robot, and ignore the performer's travel meanwhile."""
+        """Plan no further, and ignore the performer's travel meanwhile."""
         if self._walker is not None:
             self._walker.drop()
         if self._travel is not None:
@@ -254,12 +251,10 @@ class Legs:
             self.upper.weigh(targets, kind, name, 0.0)
         self.upper.set_support(targets, NO_SPACES)
 
-    # Between the world of the stance and the world.
-
     def in_world(self, q: FloatArray) -> FloatArray:
         """Posture (nq,) in the world."""
         walker = self._walker
-        if walker is not None and walker.path is not None:  # to the bit, as the gate verified the path
+        if walker is not None and walker.path is not None:  # to the bit, as the gate verified it
             now: FloatArray = walker.path.postures[walker.row].copy()
             now[walker.others] = q[walker.others]
             return now
@@ -270,13 +265,13 @@ class Legs:
         return points if self._place.is_origin else self._place.points(points)
 
     def seen(self, q: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Posture (nq,) and a velocity (nv,) of the world in that of the stance."""
+        """A posture (nq,) and a velocity (nv,) of the world in that of the stance."""
         if self._place.is_origin:
             return q, velocity
         back = self._place.inverse
         return back.postures(q[None])[0], back.velocity(velocity)
 
     def moved(self, stop: StopPath) -> StopPath:
-        """Stop of a standing robot in the world."""
+        """The stop of a standing robot in the world."""
         postures = stop.postures if self._place.is_origin else self._place.postures(stop.postures)
         return StopPath(postures, self.footing)

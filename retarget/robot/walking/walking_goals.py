@@ -1,11 +1,9 @@
 """Goals of a walking robot: offsets that hold its planned posture; `DeflectionCompensation` makes them while it stands.
 
-A servo with a P gain is a lagging spring: goal = posture + torque / stiffness + lag * speed. The torque is from inverse
-dynamics of link masses and rotors, with the ground's force at the zero-moment point. Encoders and IMU correct it: by
-ankle torque for an error of the divergent component (J. Englsberger et al., IEEE T-RO 31(2), 2015), and by turns of hip
-and ankle against tilt.
-
-Torques change faster than a shaft may turn, so offsets have their own bounds, which the gate checks.
+A servo with a P gain is a lagging spring: goal = posture + torque / stiffness + lag * speed. Inverse dynamics give the
+torque, with the ground's force at the zero-moment point. Encoders and IMU correct it, by ankle torque for an error of
+the divergent component (Englsberger et al., IEEE T-RO 31(2), 2015), and by turns of hip and ankle against tilt. As
+torques change fast, offsets have their own bounds.
 """
 
 from collections.abc import Callable
@@ -33,24 +31,24 @@ from retarget.robot.walking.pattern import rotated as yawed
 from retarget.rotations import arc, as_quat, as_vector, axis_turn, product, rotated, rotation_vector
 
 MOST_WALKING_RAD = 0.35
-"""Greatest offset of a goal from its posture, rad: 0.31 is needed at 0.15 m/s."""
+"""Greatest offset, rad: 0.31 is needed at 0.15 m/s."""
 OFFSET_SPEED = 4.0
-"""Greatest rate of an offset, relative to the joint's speed limit."""
+"""Greatest rate of an offset, relative to the joint's."""
 BEHIND_S = 0.008
 """Age of measurements relative to plans, beyond one bus cycle, s."""
 MEASURED_S = 0.02
-"""Time constant of measured velocity and of the IMU's samples, s, as noise would accelerate goals."""
+"""Time constant of measurements, s, as noise would accelerate goals."""
 ZMP_GAIN = 1.0
 """Shift of the zero-moment point per error of the divergent component."""
 MOST_SHIFT = 0.7, 0.64
-"""Bounds of this shift forward and sideways, as shares of half a sole."""
+"""Bounds of this shift, relative to half a sole."""
 TILT_GAIN, HIP_RATE_S, ANKLE_RATE_S = 0.5, 0.05, 0.05
 """Turn of the hip per tilt, and of hip and ankle per angular velocity."""
 
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """Along the axes of each sole: the offset (2, 2) m of the centre of mass, and its divergent component (2, 2) m."""
+    """Offset (2, 2) m of the centre of mass from each sole, along its axes, and its divergent component (2, 2) m."""
 
     offset: FloatArray
     divergent: FloatArray
@@ -58,8 +56,7 @@ class Planned:
 
 @dataclass(frozen=True, eq=False)
 class Walked:
-    """Offset (n,) rad of a walking robot. q (nq,): its planted posture; joints (n,); places (k, 3) m of link masses;
-    planned: the newest last."""
+    """Offset (n,) rad of a walking robot. q (nq,): planted posture; places (k, 3) m: of link masses."""
 
     q: FloatArray
     joints: FloatArray
@@ -94,7 +91,7 @@ class WalkingGoals:
         return self._standing.begin(posture)
 
     def measure(self, joints: FloatArray, imu: ImuSample | None) -> None:
-        """Set the measurements of this tick: encoders (n,) rad, and IMU."""
+        """Set the measurements: encoders (n,) rad, and IMU."""
         self._feedback.measure(joints, imu)
 
     def propose(
@@ -106,10 +103,10 @@ class WalkingGoals:
         ahead: FloatArray,
         walks: bool | None,
     ) -> tuple[FloatArray, Offset]:
-        """Goal (n,) rad that holds the robot in a posture (n,), and its offset.
+        """Goal (n,) that holds a posture (n,), rad, and its offset.
 
-        nearest: maps a goal to the nearest one within the gate's limits. ahead (n,): the next posture. walks: None for
-        as before.
+        nearest: maps a goal to the nearest one within the gate's limits. ahead (n,): next posture. walks: None as
+        before.
         """
         walked = last.walked
         if not (walked is not None if walks is None else walks):
@@ -124,14 +121,14 @@ class WalkingGoals:
         return posture + walked.offset, replace(last, posture=posture, walked=walked)
 
     def _planted(self, before: FloatArray, joints: FloatArray) -> FloatArray:
-        """Posture (nq,) with these joints (n,) rad, whose lower sole is in its place of `before`."""
+        """Posture (nq,) with joints (n,) rad, whose lower sole stays in place."""
         q = before.copy()
         q[self._robot.servo_columns] = joints
         plant_root(self._robot, before, q)
         return q
 
     def _next(self, last: Walked, posture: FloatArray, ahead: FloatArray) -> Walked:
-        """Offset of the next tick, for its posture (n,) and the one after."""
+        """Offset of the next tick, for its posture and the one after, (n,) rad."""
         dt, q = self._gait.dt, self._planted(last.q, posture)
         now, after = self._dynamics.look(q), self._dynamics.look(self._planted(q, ahead))
         accelerations = (after.masses - 2.0 * now.masses + last.places) / (dt * dt)
@@ -151,8 +148,8 @@ class WalkingGoals:
 
 @dataclass(frozen=True, eq=False)
 class LinkStates:
-    """World positions in a posture: masses (k, 3) m of links; origins, axes (n, 3) of joints; soles (2, 3) m, their
-    middles; mass (3,) m; and yaws (2,) rad of the soles, yaw of the root."""
+    """World positions in a posture: masses (k, 3) of links; origins, axes (n, 3) of joints; soles (2, 3), mass (3,), m;
+    yaws (2,) of soles, yaw of the root, rad."""
 
     masses: FloatArray
     origins: FloatArray
@@ -209,8 +206,8 @@ class WalkDynamics:
         return LinkStates(points[:first], points[first:second], axes, points[second:], np.array(yaws), yaw, mass)
 
     def torques(self, at: LinkStates, accelerations: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Joints' torques (n,) N m in a posture whose link masses accelerate by (k, 3) m/s^2, and the share
-        (2,) of the weight on each sole."""
+        """Torques (n,) N m of joints if link masses accelerate by (k, 3) m/s^2; share (2,) of the weight on each
+        sole."""
         forces = self._masses[:, None] * (UPWARD + accelerations)
         total, moment = forces.sum(axis=0), np.cross(at.masses, forces).sum(axis=0)
         lift = max(float(total[2]), 1.0)
@@ -274,7 +271,7 @@ class Feedback:
         self._measured = self.plan(self._dynamics.look(q), self._measured, share=self._share)
 
     def plan(self, at: LinkStates, before: Planned | None, *, share: float = 1.0) -> Planned:
-        """Mass of a posture from both soles, after `before`. share: weight of the new velocity."""
+        """Mass from both soles, after `before`. share: weight of the new velocity."""
         offsets = np.array(
             [yawed((at.mass - sole)[:2], -yaw) for sole, yaw in zip(at.soles, at.yaws.tolist(), strict=True)]
         )
@@ -286,7 +283,7 @@ class Feedback:
         return Planned(offsets, offsets + velocity / omega)
 
     def correction(self, at: LinkStates, planned: Planned, shares: FloatArray) -> FloatArray:
-        """Offsets (n,) rad. at: the present posture; planned: at the time of the measurements."""
+        """Offsets (n,) rad. planned: at the time of the measurements."""
         offset, torque = np.zeros(len(at.axes)), np.zeros(len(at.axes))
         if self._measured is None:
             return offset
@@ -305,7 +302,7 @@ class Feedback:
 
 
 def _joints_near(robot: RobotBody, stance: Stance) -> tuple[list[list[int]], list[list[int]]]:
-    """Servos of each leg whose joints are nearer to its hip, or to its ankle, than to its other frames."""
+    """Servos of each leg with the joints nearest to its hip, and to its ankle."""
     names, origins = robot.joint_map.joints, WalkDynamics(robot, stance).look(stance.q).origins
     hips, ankles = list[list[int]](), list[list[int]]()
     legs = leg_joints(robot)
