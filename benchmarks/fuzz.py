@@ -46,9 +46,8 @@ from benchmarks.recording import SHARED
 from benchmarks.urdf import write_urdf
 from hardware.clock import thread_cpu
 from hardware.errors import RetargetError
-from retarget.cli.application import command_of
+from retarget.cli.application import command_of, session_options
 from retarget.cli.run import run
-from retarget.cli.session import session_options
 from retarget.live.address import parse_address
 from retarget.live.open_stream import read_recording as read_stream
 from retarget.model.body import load_body

@@ -302,7 +302,7 @@ class ForkingOperator(RunOperator):
         """What is asked for now."""
         self.watch.look(state)
         if self._fork.stops(state, self._witness):
-            self.stop.ask("a stop at a tick that was drawn")
+            self.stop.request("a stop at a tick that was drawn")
         return super().poll(state)
 
 

@@ -99,7 +99,7 @@ def leg(page: str, seconds: float) -> tuple[list[float], list[float]]:
                     os.kill(feed.process, signal.SIGSTOP)
                 meter.counting = followed > SETTLED
                 if len(meter.late) >= ticks:
-                    stop.ask("enough")
+                    stop.request("enough")
                 return super().poll(state)
 
         gc.collect()

@@ -154,7 +154,7 @@ class WalkRecord(RunObserver):
         asked = Request(case.forward, case.left, case.turn)
         self.velocity = (IN_PLACE if asked == Request() else asked) if walks else Request()
         if t > case.seconds:
-            self._stop.ask("the case is over")
+            self._stop.request("the case is over")
         if not legs.walks:
             self._slip = self._witness.log.slip_m.copy() if legs.tally().steps == 0 else self._slip
             return

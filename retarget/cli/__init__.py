@@ -1,8 +1,7 @@
-"""The command line: one file per command or two that belong together, each with a function of the command's name (_ for
--). A folder is a group of commands, built in the same way.
+"""The command line: a module has one command or a few, each a function of its name, with options and printing only.
+A folder is a group of commands. In come words, out go an exit code and messages. It may import all other folders.
 
-Only the command that is asked for is imported, so that `--help` and `--version` answer at once. Nothing of weight is
-imported before `main`, so that Ctrl-C at any moment is one line, and before `retarget stop` has sent its word.
+Only the chosen command is imported. `retarget stop` sends its word before anything else is imported.
 """
 
 import atexit
@@ -34,24 +33,30 @@ COMMANDS = {
     "import": "Draft a robot profile from a URDF or MJCF file.",
     "fit-observers": "Propose collision observers from a robot's body.",
 }
-"""Every command and its line in the list of commands."""
+"""The line of each command in the help."""
 
-HOMES = {"import": ("own_robot", "import_body"), "fit-observers": ("own_robot", "fit_observers")}
-"""File and function of the commands that are not at home in a file of their own name."""
+HOMES = {
+    "demo": ("run", "demo"),
+    "judge": ("inspect", "judge"),
+    "faults": ("emulate", "faults"),
+    "import": ("robots", "import_body"),
+    "fit-observers": ("robots", "fit_observers"),
+}
+"""Module and function of the commands that have no module of their own name."""
 
 _GARBAGE = 100_000
-"""New objects after which garbage is collected: more than imports and a short run make."""
+"""New objects between garbage collections: more than imports and a short run make."""
 
 
 def main(arguments: "Sequence[str] | None" = None) -> None:
-    """Run the command line with `arguments` (those of the process by default) and leave with its exit code."""
+    """Run the command line with `arguments` (default: those of the process) and exit with its code."""
     words = sys.argv[1:] if arguments is None else list(arguments)
     stops = _begun_stop(words[1:]) if words[:1] == ["stop"] else None
     from retarget.cli.exit import exit_code_of
 
     if arguments is None:
-        # In a process of our own: seldom collect garbage (0.1 s), and do without the windows of MuJoCo (40 ms), plugins
-        # of pydantic, and a second core that spins for matrices as small as ours (0.1 s).
+        # A process of our own starts 0.3 s earlier with seldom garbage collection, without windows of MuJoCo, plugins
+        # of pydantic and threads of BLAS.
         gc.set_threshold(_GARBAGE)
         atexit.register(gc.freeze)
         os.environ.setdefault("MUJOCO_GL", "disable")
@@ -61,8 +66,8 @@ def main(arguments: "Sequence[str] | None" = None) -> None:
 
 
 def _begun_stop(words: list[str]) -> "Callable[[], None] | None":
-    """Send the word of `retarget stop` before anything else is imported. Returns the rest of the command; None where
-    nothing was sent, and the command begins as any other."""
+    """Send the word of `retarget stop` before anything else is imported. Returns the rest of the command; None if
+    nothing was sent, so that the command begins as any other."""
     from retarget.cli.stop import confirm, sent
 
     try:

@@ -1,13 +1,14 @@
-"""The commands as typer knows them, and what they share: options, questions, progress, tables."""
+"""The commands as typer knows them, and what they share: the table of options, session files, questions, tables."""
 
 import importlib
 import inspect
+import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import wraps
+from functools import partial, wraps
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType
@@ -15,19 +16,21 @@ from typing import IO, TYPE_CHECKING, Annotated, Any, Literal, cast, get_args, g
 
 import typer
 from typer.core import TyperCommand
+from typer.models import OptionInfo
 
 import retarget
 from hardware.errors import printable
 from hardware.realtime import USUAL_PRIORITY
 from retarget.cli.exit import echo
 from retarget.cli.stop import USUAL
-from retarget.errors import UsageError, renamed_to, suggest
-from retarget.live.address import VIEW_PORT
+from retarget.errors import ConfigError, UsageError, renamed_to, suggest
+from retarget.live.address import VIEW_PORT, is_address
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from retarget.frames import SensorFrames
+    from retarget.schema.strict_yaml import Document
 
 EPILOG = (
     "Exit codes: 0 done, 1 stopped by the guard or by Ctrl-C while something moved, or a file not written afterwards, "
@@ -37,37 +40,37 @@ EPILOG = (
 
 
 UNWRAPPED = 10_000
-"""Columns of a pipe or file: lines are wrapped for terminals alone."""
+"""Columns of a pipe or file, where no line is wrapped."""
 WIDEST = 100
 """Most columns of the help on a terminal."""
 
 
 HELP_ALL = "--help-all"
-"""In place of `--help`: every option of a command that has many."""
+"""Lists every option of a command of which `--help` lists the usual ones."""
 
 
 def application(chosen: Sequence[str], *, all_options: bool = False) -> typer.Typer:
-    """The application in which only the command of the words `chosen` is real (a group's: the group and its command);
-    the others lend their name and line to the help. all_options: the help of a command lists every one."""
+    """The application in which only the command of the words `chosen` is imported (a group's: the group and its
+    command). The others lend their name and line to the help. all_options: the help lists every option."""
     known = _commands("retarget.cli", chosen, epilog=EPILOG, all_options=all_options)
     known.callback(invoke_without_command=True)(_options)
     return known
 
 
 def called(commands: typer.Typer, words: Sequence[str], name: str = "retarget") -> int:
-    """Call the command that the words name. Returns its exit code; raises UsageError for words that mean none.
+    """Call the command that the words name and return its exit code. Raises UsageError for words that name no command.
 
     name: of the program, in messages.
     """
     try:
         code = commands(args=list(words), prog_name=name, standalone_mode=False)
     except typer.TyperException as error:
-        return _refused_words(error)
+        return _help_or_refusal(error)
     return code if isinstance(code, int) else 0
 
 
-def _refused_words(error: typer.TyperException) -> int:
-    """Print the help, where no words were given, and return the exit code. Raises UsageError for the words."""
+def _help_or_refusal(error: typer.TyperException) -> int:
+    """Print the help where no words were given, and return the exit code. Otherwise raise UsageError."""
     context, text = getattr(error, "ctx", None), getattr(error, "message", "") or "needed, and not given"
     from pydantic import ValidationError
 
@@ -98,7 +101,7 @@ def _refused_words(error: typer.TyperException) -> int:
 
 
 class _Command(TyperCommand):
-    """A command whose help has a panel for each group of options; or, where it has USUAL_OPTIONS, these alone."""
+    """A command whose help has a panel for each group of options, or lists its USUAL_OPTIONS alone."""
 
     USUAL_OPTIONS: Sequence[str] = ()
 
@@ -133,16 +136,15 @@ class _Command(TyperCommand):
 
 
 _RANGE = re.compile(r" *\[[^\]]*<=x<=[^\]]*\]")
-"""What typer says of the range of a number: a value outside of it is refused with the same words."""
+"""The range that typer adds to the help of a number."""
 FIRST_COLUMN = 24
-"""Columns of an option and its value in the help; the meaning of a longer one begins in the next line."""
+"""Columns of an option and its value in the help."""
 
 
 def _commands(
     package: str, chosen: Sequence[str], *, epilog: str | None = None, all_options: bool = False
 ) -> typer.Typer:
-    """The commands of a package; its `COMMANDS` names them. A module's USUAL_OPTIONS are those of its help, unless all
-    are asked for."""
+    """The commands that `COMMANDS` of a package names. USUAL_OPTIONS of a module holds those of the help by command."""
     width = {"max_content_width": WIDEST} if sys.stdout.isatty() else {"terminal_width": UNWRAPPED}
     group = typer.Typer(
         add_completion=False,
@@ -155,7 +157,7 @@ def _commands(
     listing = importlib.import_module(package)
     for name, summary in listing.COMMANDS.items():
         if name not in chosen[:1]:
-            group.command(name, help=summary)(_not_chosen)
+            group.command(name, help=summary)(lambda: None)
             continue
         usual = name.replace("-", "_")
         file, word = getattr(listing, "HOMES", {}).get(name, (usual, usual))
@@ -166,18 +168,14 @@ def _commands(
             inner.callback()(function)
             group.add_typer(inner, name=name)
         else:
-            usual_options = () if all_options else getattr(module, "USUAL_OPTIONS", ())
+            usual_options = () if all_options else getattr(module, "USUAL_OPTIONS", {}).get(name, ())
             kind = type("Command", (_Command,), {"USUAL_OPTIONS": usual_options})
             group.command(name, cls=kind, help=described(function)[0])(command_of(function))
     return group
 
 
-def _not_chosen() -> None:
-    raise AssertionError("only the chosen command is ever called")
-
-
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(requested: bool) -> None:
+    if requested:
         echo(f"retarget {retarget.__version__}")
         raise typer.Exit
 
@@ -190,13 +188,12 @@ def _options(
     """From a performer's sensors to safe servo goals."""
 
 
-# Options that may stand alone or with a value: typer knows only the second, so the usual value is put in here.
-
 USUAL_VALUES = {"--realtime": str(USUAL_PRIORITY), "--control-socket": USUAL, "--view": str(VIEW_PORT)}
+"""Values of options that may stand alone, which typer does not know."""
 
 
 def with_values(words: Sequence[str]) -> list[str]:
-    """The words of a command line, with a value behind each of these options that has none."""
+    """The words of a command line, with the usual value behind each option of USUAL_VALUES that stands alone."""
     found: list[str] = []
     for word, after in pairwise((*words, "-")):
         found.append(word)
@@ -206,7 +203,7 @@ def with_values(words: Sequence[str]) -> list[str]:
 
 
 def refuse_renamed(words: Sequence[str]) -> None:
-    """Raises UsageError for an option that has another name now."""
+    """Raise UsageError for an option that has another name now."""
     command = next((word for word in words if not word.startswith("-")), "")
     for word in words:
         option = word.partition("=")[0]
@@ -215,78 +212,98 @@ def refuse_renamed(words: Sequence[str]) -> None:
 
 
 ONCE = {"batch": "--format", "export": "--to"}
-"""Command -> its option that chooses what it makes."""
+"""The option of a command that chooses what it makes."""
 
 
 def refuse_repeated(words: Sequence[str]) -> None:
-    """Raises UsageError for several formats: the last one alone would be made."""
+    """Raise UsageError for several formats, of which typer would take the last."""
     option = ONCE.get(next((word for word in words if not word.startswith("-")), ""), "")
     if option and sum(word.partition("=")[0] == option for word in words) > 1:
         step = "Give the command once for each: outputs of several formats go beside each other"
         raise UsageError("several formats", where=option, allowed="one", next_step=step)
 
 
-# From a function to a command: its parameters are the options, and its docstring says what they mean:
+# The table of options. An option is declared once: its type and default are those of a parameter of the command or of a
+# field of a dataclass, and its help is a line of the docstring there:
 #
 #     Options:
 #         robot NAME|PATH: Robot by name or path.
 #         iterations (--n-ik) N: Iterations per frame at most.
+#         jobs N 1..256: Processes that share the work.
 #
-# `Arguments:` describes arguments, and any other heading is that of a panel of the help. A parameter may be a
-# dataclass, which is a group of options: those of its fields that are described, there or by what takes it. A parameter
-# that typer annotates is passed on as it is.
+# `Arguments:` describes arguments. Any other heading names a panel of the help. A parameter that is a dataclass is a
+# group of options: its fields that are described, there or by the command. A session file reads the same table.
 
+SHARED = """
+Options:
+    robot NAME|PATH: Robot by name or path.
+    scene NAME|FILE: The scene: table, wall, ..., or a file.
+    body FILE: The robot's MJCF or URDF, where FILE names none that is there.
+    yes: Do not ask.
+    dry_run: Say what would be done, and do not open a port.
+
+Results:
+    overwrite: Replace files that are there; else they are refused.
+"""
+"""Options of several commands, which need not describe them."""
 _HEADING = re.compile(r"([A-Z][\w ]*):")
-_ENTRY = re.compile(r"    (\w+)(?: \((.+?)\))?(?: (\S+))?: (.+)")
+_ENTRY = re.compile(r"    (\w+)(?: \((.+?)\))?(?: (\S+))??(?: ([\d.]+?)\.\.(\d*))?: (.+)")
 
 
 @dataclass(frozen=True)
 class _Entry:
-    """What a docstring says of one option. flags: as typed, where they are not its name with dashes."""
+    """Help of one option. flags: as typed, where they are not its name with dashes. range: least and greatest."""
 
     heading: str
     flags: tuple[str, ...]
     metavar: str | None
+    range: tuple[str, str]
     help: str
 
 
-def described(holder: Callable[..., Any]) -> tuple[str, dict[str, _Entry]]:
-    """The docstring of a function or dataclass without its options, and these by name."""
+def described(holder: Callable[..., Any] | str) -> tuple[str, dict[str, _Entry]]:
+    """Return the docstring of a function or dataclass without its options, and these by name."""
     text: list[str] = []
     entries: dict[str, _Entry] = {}
     heading = name = ""
-    for line in (inspect.getdoc(holder) or "").splitlines():
+    doc = holder if isinstance(holder, str) else inspect.getdoc(holder) or ""
+    for line in doc.splitlines():
         if (found := _HEADING.fullmatch(line)) and found[1] != "Examples":
             heading = found[1]
         elif not heading:
             text += ["\b"] * bool(found)  # for typer: what follows is not wrapped
             text.append(line)
         elif found := _ENTRY.fullmatch(line):
-            name, flags, metavar, words = found.groups()
-            entries[name] = _Entry(heading, tuple(flags.split(", ")) if flags else (), metavar, words)
+            name, flags, metavar, least, greatest, words = found.groups()
+            split = tuple(flags.split(", ")) if flags else ()
+            entries[name] = _Entry(heading, split, metavar, (least or "", greatest or ""), words)
         elif line:
             entries[name] = replace(entries[name], help=f"{entries[name].help} {line.strip()}")
     return "\n".join(text).strip(), entries
 
 
 def command_of(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function whose signature typer can read, and that calls `function` with its groups built."""
+    """Return a function whose signature typer reads, and that calls `function` with its groups built."""
 
     @wraps(function)
     def command(**values: Any) -> Any:
         return _built(function, values)
 
-    parameters = sorted(_parameters(function, {}), key=lambda one: one.default is not one.empty)  # the required first
+    parameters = list(_parameters(function, described(SHARED)[1], {}))
+    parameters.sort(key=lambda one: one.default is not one.empty)  # the required first
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return command
 
 
-def _parameters(holder: Callable[..., Any], known: Mapping[str, _Entry]) -> Iterator[inspect.Parameter]:
-    """The options of a function or group. known: what is said of them by what takes the group."""
-    known = {**described(holder)[1], **known}
+def _parameters(
+    holder: Callable[..., Any], shared: Mapping[str, _Entry], by_command: Mapping[str, _Entry]
+) -> Iterator[inspect.Parameter]:
+    """The options of a function or group, as the command describes them, else the group, else SHARED."""
+    by_command = {**described(holder)[1], **by_command}
+    known = {**shared, **by_command}
     for parameter in inspect.signature(holder).parameters.values():
         if is_dataclass(parameter.annotation):
-            yield from _parameters(parameter.annotation, known)  # type: ignore[arg-type]
+            yield from _parameters(parameter.annotation, shared, by_command)  # type: ignore[arg-type]
         elif get_origin(parameter.annotation) is Annotated:
             yield parameter.replace(kind=parameter.KEYWORD_ONLY)
         elif parameter.name in known:
@@ -303,12 +320,21 @@ def _parameter(parameter: inspect.Parameter, entry: _Entry) -> inspect.Parameter
     else:
         panel = None if entry.heading == "Options" else entry.heading
         shown = parameter.default is not None and parameter.default is not False
-        info = typer.Option(*flags, help=entry.help, metavar=entry.metavar, rich_help_panel=panel, show_default=shown)
+        least, greatest = (float(end) if "." in end else int(end) if end else None for end in entry.range)
+        info = typer.Option(
+            *flags,
+            help=entry.help,
+            metavar=entry.metavar,
+            min=least,
+            max=greatest,
+            rich_help_panel=panel,
+            show_default=shown,
+        )
     return parameter.replace(kind=parameter.KEYWORD_ONLY, annotation=Annotated[_typed(kind), info])
 
 
 def _typed(kind: Any) -> Any:
-    """The type that typer reads: what takes a choice also checks it, and names the nearest."""
+    """The type that typer reads. A choice is text to it: the command checks it and suggests the nearest."""
     parts = get_args(kind) or (kind,)
     if get_origin(kind) is tuple:
         return list[parts[0]]  # type: ignore[valid-type]
@@ -329,27 +355,112 @@ def _built(holder: Callable[..., Any], values: Mapping[str, Any]) -> Any:
     return holder(**arguments)
 
 
-# Options that several commands have.
+# A session file: options of a command in YAML.
 
-Overwrite = Annotated[
-    bool,
-    typer.Option(
-        "--overwrite/--no-overwrite",
-        help="Replace files that are there; else they are refused.",
-        rich_help_panel="Results",
+REPLAY = "replay://"
+"""Scheme of the addresses that name a file."""
+READ = ("source", "skeleton", "robot", "performer", "priorities", "scene", "faults")
+"""Options that may name a file to read. A relative path in a session file counts from the folder of that file."""
+
+
+def session_options(session: str | Path, command: Callable[..., Any]) -> dict[str, Callable[[], Any]]:
+    """Return a function for each value of a session file, by parameter of the command. The keys are its options.
+
+    session: a name or path. The function is called only where the command line has no value. It raises ConfigError for
+    a file that is not there. Raises UsageError for an unknown session, ConfigError with all problems of the file.
+    """
+    from pydantic import create_model
+
+    from retarget.schema.catalogue import Kind, read_as
+    from retarget.schema.strict_models import Schema, validated
+
+    kinds: dict[str, Any] = {}
+    parameters: dict[str, str] = {}
+    for name, parameter in inspect.signature(command).parameters.items():
+        kind, info = get_args(parameter.annotation)
+        if isinstance(info, OptionInfo):
+            # Typer calls the first flag of an annotation its default.
+            option = info.default if isinstance(info.default, str) else f"--{name.replace('_', '-')}"
+            option = option.partition("/")[0]
+            key = option.removeprefix("--")
+            kinds[key], parameters[key] = (_kind_of(kind, option) | None, None), name
+    model = create_model("Session", __base__=Schema, **kinds)
+    document = read_as(Kind.SESSION, session)
+    read = validated(model, document)
+
+    def value_of(key: str, value: Any) -> Any:
+        return _from_folder(document, key, value) if key in READ else value
+
+    given = read.model_dump(exclude_none=True)
+    return {parameters[key]: partial(value_of, key, value) for key, value in given.items()}
+
+
+def _from_folder(document: "Document", key: str, text: str) -> str:
+    """A path of a session file, counted from that file's folder; names and addresses stay. Raises ConfigError for a
+    file that is not there."""
+    replayed = text.startswith(REPLAY)
+    place, question, query = text.removeprefix(REPLAY).partition("?") if replayed else (text, "", "")
+    is_name = key not in ("skeleton", "faults") and Path(place).name == place and not Path(place).suffix
+    if is_name or (is_address(text) and not replayed) or Path(place).is_absolute():
+        return text
+    folder, here = document.path.parent.absolute(), Path(place).absolute()
+    path, step = folder / place, "Check the path"
+    if not path.exists():
+        found = f"nothing at {path}"
+        if here.exists():
+            found, step = f"{found}, but {here}", f"Write {os.path.relpath(here, folder)}, or move it"
+        elif here != path:
+            found += f", nor at {here}"
+        allowed = "a path from the folder of the session file"
+        problem = document.problem((key,), "there is no such file", found=found, allowed=allowed, next_step=step)
+        raise ConfigError.from_problems([problem])
+    return f"{REPLAY if replayed else ''}{path}{question}{query}"
+
+
+def _kind_of(kind: Any, option: str) -> Any:
+    """The type of an option's value in a file. `true` means the usual value of an option that may stand alone."""
+    from pydantic import BeforeValidator
+
+    from retarget.schema.strict_models import Integer, Number, Switch, Text, one_or_more
+
+    if get_origin(kind) is list:
+        return Annotated[list[Text], BeforeValidator(one_or_more)]
+    (known,) = set(get_args(kind) or (kind,)) - {NoneType}
+    value: Any = {bool: Switch, float: Number, int: Integer}.get(known, Text)
+    if usual := USUAL_VALUES.get(option):
+        return Annotated[value, BeforeValidator(lambda given: known(usual) if given is True else given)]
+    return value
+
+
+def _read_session(context: typer.Context, session: str | None) -> str | None:
+    """Take the values of a session file for the options that are not typed."""
+    if session is not None:
+        command = context.command.callback
+        assert command is not None
+        context.default_map = session_options(session, command)
+    return session
+
+
+Session = Annotated[
+    str | None,
+    typer.Argument(
+        help="Options; typed ones win: --no-loop undoes `loop: true`.",
+        metavar="SESSION.yaml",
         show_default=False,
+        callback=_read_session,
+        is_eager=True,
     ),
 ]
-"""`--overwrite`: the one way in which a command replaces a file that is there."""
+"""The session file of a command: YAML with a key for each option, its name without the dashes in front."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FileOptions:
-    """How a motion file is read.
+    """Options of reading a motion file.
 
     Playback:
         skeleton FILE.asf: The ASF of an AMC that has none beside it.
-        markers FILE.yaml: Which markers of a C3D or TRC are which sensor.
+        markers FILE.yaml: The markers of each sensor, for C3D and TRC.
         unit m|cm|mm|inch|cmu: Length unit of a file that states none.
         rate HZ: Frames per second instead of the file's.
         stature M: The performer's: scales a file, not measured live.
@@ -373,39 +484,39 @@ class FileOptions:
 
 
 def given(group: Any, *, but: Sequence[str] = ()) -> list[str]:
-    """The options of a group (a dataclass) that are not at their defaults, as typed. but: fields that do not count."""
+    """The options of a group (a dataclass) that are not at their defaults, as typed. but: fields to leave out."""
     counted = [field for field in fields(group) if field.name not in but and not is_dataclass(field.type)]
     changed = [field.name for field in counted if getattr(group, field.name) != field.default]
     return [f"--{name.replace('_', '-')}" for name in changed]
 
 
-def refuse_given(options: Sequence[str], whose: str) -> None:
-    """Raise UsageError for options that only a source of another kind has."""
+def refuse_given(options: Sequence[str], owner: str) -> None:
+    """Raise UsageError for options that only another kind of source, the `owner`, has."""
     if options:
-        raise UsageError(f"only a {whose} has this", where=", ".join(options), next_step="Leave it out")
+        raise UsageError(f"only a {owner} has this", where=", ".join(options), next_step="Leave it out")
 
 
-# What is said to the operator: on stderr, so that a pipe gets results alone.
+# Messages to the operator go to stderr, so that a pipe gets results alone.
 
 
 def log(text: str) -> None:
-    """Print a line for the operator that says what happens."""
+    """Print a line for the operator."""
     echo(text, err=True)
 
 
 def note(text: str) -> None:
-    """Say what the operator should know."""
+    """Print a note for the operator."""
     log(f"note: {text}")
 
 
 def console(*, err: bool = False) -> "Console":
-    """Make the console on which tables and progress are printed, on stdout or stderr. In a pipe it wraps no line. What
-    acts on a terminal in the texts that it is given is spelled out, as `echo` does."""
+    """Make the console of tables and progress, on stdout or stderr. In a pipe it wraps no line. Control codes in the
+    printed texts are spelled out, as by `echo`."""
     from rich.console import Console, ConsoleOptions, RenderableType
     from rich.segment import Segment
 
     class PlainConsole(Console):
-        """A console whose own control codes alone reach the terminal."""
+        """A console of which only its own control codes reach the terminal."""
 
         def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
             for text, style, control in super().render(renderable, options):
@@ -418,7 +529,7 @@ def console(*, err: bool = False) -> "Console":
 
 
 class Unpadded:
-    """A stream that gets lines without the blanks at their ends, with which tables fill their columns."""
+    """A stream that removes the blanks with which tables fill the ends of their lines."""
 
     def __init__(self, stream: IO[str]) -> None:
         self._stream = stream
@@ -431,11 +542,11 @@ class Unpadded:
         return getattr(self._stream, name)
 
 
-# A question to the operator at the terminal.
+# Questions to the operator at the terminal.
 
 
-def ask(question: str, *, enter: bool = True, where: str = "") -> bool:
-    """Ask the operator: y is yes, n is no, ENTER alone is `enter`. where: the command that asks.
+def confirmed(question: str, *, enter: bool = True, where: str = "") -> bool:
+    """Ask the operator: y is yes, n is no, ENTER alone is `enter`. where: the command, for messages.
 
     Raises UsageError when the input has ended.
     """
@@ -447,7 +558,7 @@ def ask(question: str, *, enter: bool = True, where: str = "") -> bool:
 
 
 def answered(question: str, *, where: str = "", step: str = "Run it in a terminal") -> str:
-    """What the operator types in answer. Raises UsageError, with this next step, when the input has ended."""
+    """The answer that the operator types. Raises UsageError, with this next step, when the input has ended."""
     try:
         return input(printable(question)).strip()
     except EOFError as error:
@@ -455,12 +566,9 @@ def answered(question: str, *, where: str = "", step: str = "Run it in a termina
         raise UsageError("the question has no answer: the input has ended", where=where, next_step=step) from error
 
 
-# A line about what goes on, on a terminal (stderr), and nothing in a pipe.
-
-
 @contextmanager
 def progress_bar(what: str, total: int | None) -> Iterator[Callable[[int], None]]:
-    """Yields a function that takes how much is done of `total` (None: not known)."""
+    """Show a bar on a terminal (stderr). Yields a function that takes the amount done of `total` (None: not known)."""
     if not sys.stderr.isatty():
         yield lambda done: None
         return

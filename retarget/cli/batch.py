@@ -1,18 +1,17 @@
-"""`retarget batch`: many motion files, each retargeted by itself, with an index of what became of them."""
+"""`retarget batch`: retarget many motion files, with an index of the results."""
 
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from hardware.errors import counted
 from retarget.batch.batch import BatchTally, Engine, run_batch
-from retarget.batch.clip import RUN, BatchClip, BatchSettings, ClipRow, ClipStatus, batch_settings
+from retarget.batch.clip import RUN, ClipRow, ClipStatus, batch_settings
 from retarget.batch.engines import on_processes, on_ray, usual_jobs
 from retarget.batch.index import BatchIndex, sources_of
 from retarget.batch.inputs import Shard, find_clips
@@ -27,27 +26,28 @@ from retarget.run.trial import try_robot
 from retarget.sources.open import refuse_values
 
 BENCH = "retarget.cli.buses:PhysicsBench"
-"""What stands in for hardware, by the name under which each process finds it."""
+"""The bench of each process, by its import path."""
 ENGINES = ("processes", "ray")
 TIME_LIMIT_S, MEMORY_GB = 1800.0, 4.0
-"""A recording of 28 minutes, the longest that is read, is through in half of the time, and takes 1 GB of the memory."""
+"""The longest recording that is read, of 28 minutes, takes half of the time and 1 GB."""
 MOST_TIME_S, MOST_MEMORY = 30 * 24 * 3600.0, 2**62
-"""s, bytes: more than any clip needs, and what timers and limits of the system can hold."""
+"""Bounds, s and bytes, of the timers and limits of the system."""
 SHOWN_FAILURES = 20
-"""Failures that are printed; the others are counted, and all are in the index."""
+"""Failures that are printed. All are in the index."""
 EVERY_S = 60.0
-"""Time, s, between two lines of progress where there is no terminal: of a job that takes hours, on a cluster."""
+"""Time, s, between two lines of progress without a terminal."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions:
-    """How the clips are shared, and what each may take.
+    """Options of a batch.
 
     Batch:
         form (--format) FORMAT: run (NPZ as of `retarget run --save`, usual), or a format of `retarget export`.
         fps N: Rows per second of an export; else as its readers expect, or a row a tick.
         shard i/N: Only every N-th clip of the sorted list, from the i-th.
-        engine processes|ray: What shares the clips: processes of this machine, or Ray.
+        jobs N 1..4096: Clips at a time, usually one per processor.
+        engine processes|ray: Clips are shared by processes of this machine, or by Ray.
         address A: Ray cluster to join (auto: of this machine); else that of RAY_ADDRESS, else one is started here.
         time_limit S: Wall time that a clip may take.
         memory GB: Memory (address space) that the process of a clip may take; a clip that takes more fails.
@@ -57,12 +57,7 @@ class BatchOptions:
     form: str = RUN
     fps: float | None = None
     shard: str | None = None
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            help="Clips at a time, usually one per processor.", metavar="N", min=1, max=4096, rich_help_panel="Batch"
-        ),
-    ] = None
+    jobs: int | None = None
     engine: str = ENGINES[0]
     address: str | None = None
     time_limit: float = TIME_LIMIT_S
@@ -71,7 +66,7 @@ class BatchOptions:
 
     @property
     def ending(self) -> str:
-        """What outputs end in. Raises UsageError for an unknown format."""
+        """Suffix of the outputs. Raises UsageError for an unknown format."""
         if self.form == RUN:
             return ".npz"
         if self.form not in FORMATS:
@@ -82,7 +77,7 @@ class BatchOptions:
         return format_named(self.form).ending
 
     def checked(self, options: RunOptions) -> Engine:
-        """The engine. Raises UsageError for what does not go together, or cannot be meant."""
+        """The engine. Raises UsageError for impossible values, and options that exclude each other."""
         if self.engine not in ENGINES:
             found, step = self.engine[:80], suggest(self.engine, ENGINES)
             raise UsageError(
@@ -138,29 +133,21 @@ def batch(inputs: list[str], out: Path, options: RunOptions, file: FileOptions, 
         try_robot(load_robot(options.robot, root=options.root), options)
     with BatchIndex(settings.out, shard) as index:
         mine = clips if shard is None else shard.of(clips)
-        tally = _run(mine, settings, index, engine, batched)
+        try:
+            with _shown() as look:
+                tally = run_batch(mine, settings, index, engine, retry_failed=batched.retry_failed, look=look)
+        except KeyboardInterrupt:
+            log(f"what is done is in {index.path}; the same command goes on from there")
+            raise
         for text in _summary(tally, index):
             echo(text)
     failed = tally.failed + tally.failed_before
     raise typer.Exit(STOPPED if failed else DONE)
 
 
-def _run(
-    clips: Sequence[BatchClip], settings: BatchSettings, index: BatchIndex, engine: Engine, batched: BatchOptions
-) -> BatchTally:
-    """Run the batch, and show how it goes."""
-    with _shown() as look:
-        try:
-            return run_batch(clips, settings, index, engine, retry_failed=batched.retry_failed, look=look)
-        except KeyboardInterrupt:
-            log(f"what is done is in {index.path}; the same command goes on from there")
-            raise
-
-
 @contextmanager
 def _shown() -> Iterator[Callable[[BatchTally, ClipRow | None], None]]:
-    """Yields what looks at a batch: failures as they come, and a line of progress, on a terminal always, else once a
-    minute."""
+    """Yields a function that prints failures, and a line of progress: on a terminal always, else once a minute."""
     from rich.live import Live
     from rich.text import Text
 
@@ -186,18 +173,17 @@ def _shown() -> Iterator[Callable[[BatchTally, ClipRow | None], None]]:
 
 
 def progress_of(tally: BatchTally) -> str:
-    """How far a batch is, in a line."""
+    """The progress of a batch, in a line."""
     if not tally.over:
         before = f", {tally.done_before} done before" if tally.done_before else ""
         return f"{counted(tally.todo, 'clip')} to do{before}"
     failed = f", {tally.failed} failed" if tally.failed else ""
     line = f"{tally.over} of {counted(tally.todo, 'clip')}, {tally.over / tally.seconds:.2g} a second{failed}"
     left = tally.seconds_left
-    return line if not left else f"{line}, {_lasting(left)} left"
+    return line if not left else f"{line}, {_duration(left)} left"
 
 
-def _lasting(seconds: float) -> str:
-    """A duration, in words."""
+def _duration(seconds: float) -> str:
     if seconds < 100.0:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)
@@ -205,7 +191,7 @@ def _lasting(seconds: float) -> str:
 
 
 def _summary(tally: BatchTally, index: BatchIndex) -> Iterator[str]:
-    """What became of the clips, and where the index is."""
+    """Yield the lines of the summary."""
     parts = [f"{tally.counts[status]} {status}" for status in ClipStatus if tally.counts[status]]
     if tally.done_before:
         parts.append(f"{tally.done_before} done before")
@@ -213,7 +199,7 @@ def _summary(tally: BatchTally, index: BatchIndex) -> Iterator[str]:
         parts.append(f"{tally.failed_before} failed before (--retry-failed runs them again)")
     yield f"{counted(tally.todo + tally.done_before + tally.failed_before, 'clip')}: {', '.join(parts)}"
     if tally.over:
-        yield f"{tally.over / max(tally.seconds, 1e-9):.2g} clips a second, in {_lasting(tally.seconds)}"
+        yield f"{tally.over / max(tally.seconds, 1e-9):.2g} clips a second, in {_duration(tally.seconds)}"
     yield f"index: {shlex.quote(str(index.path))}"
     try:
         yield f"table: {shlex.quote(str(index.write_table()))}"

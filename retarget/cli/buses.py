@@ -1,4 +1,4 @@
-"""From `--bus` to the bus: servos of this process, an emulated wire, simulated mechanics, or real servos."""
+"""The bus that `--bus` names: servos of this process, an emulated wire, simulated mechanics, or real servos."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -35,11 +35,9 @@ if TYPE_CHECKING:
 def make_bus(
     name: str, robot: RobotBody, clock: Clock, *, faults: Path | None = None, posture: str = "stand"
 ) -> ServoBus:
-    """The bus of that name, of a class of the user's, or on the port of that path. Simulated servos begin in this
-    posture of the profile.
+    """Make the bus of this name, class of the user, or port. Simulated servos begin in this posture of the profile.
 
-    Raises UsageError for a port where the robot has several and a class that is no bus, ConfigError for a bad file of
-    faults.
+    Raises UsageError for one port of a robot that has several, and for a class that is no bus. ConfigError: bad faults.
     """
     from sim.mock_bus import mock_bus
 
@@ -72,31 +70,31 @@ def make_bus(
 
 
 def check_bus(name: str) -> None:
-    """Raise UsageError for a name that means a class of the user's which is no bus; others are checked when opened."""
+    """Raise UsageError for a class of the user that is no bus. Other names are checked when the bus is opened."""
     if is_own(name):
         own_bus_class(name)
 
 
 def posture_ticks(robot: RobotBody, name: str = "stand") -> TickArray:
-    """Ticks (n,) of a posture of the profile."""
+    """A posture of the profile, ticks (n,)."""
     return robot.joint_map.to_ticks(robot.posture(getattr(robot.profile.postures, name))[robot.servo_columns])
 
 
-# The bench of a run: its bus; for a simulated robot with mass also perturbations, and the stop after a fall.
+# The bench of a run: its bus and, of simulated mechanics, perturbations and the stop after a fall.
 
 AFTER_FALL_S = 1.0
-"""A run goes on this long after a fall, s."""
+"""Time, s, of a run after a fall."""
 LIVE_PUSH_S = 30.0
-"""Time, s, of a live performance within which a push comes; of a recording, within its length."""
+"""Time, s, of a live performance within which a push comes."""
 CHEST = "chest"
-"""The frame that is pushed, where the profile has it; else the centre of mass of the root link."""
+"""The frame that is pushed; without it, the centre of mass of the root link."""
 
 
 class PhysicsBench:
-    """The bench of one run. Without physics it only makes the bus. notify: receives what the simulation leaves out."""
+    """The bench of one run. Without physics it only makes the bus. notify: receives notes of the simulation."""
 
     def __init__(self, options: RunOptions, notify: Notify) -> None:
-        """Raises UsageError where the options name a class that is no bus: before a performer is waited for."""
+        """Raises UsageError for a class that is no bus."""
         self._options, self._notify = options, notify
         check_bus(options.bus)
         self._bus: WitnessedBus | None = None
@@ -105,7 +103,7 @@ class PhysicsBench:
         self._may_topple = False  # at rest, when torque goes off
 
     def make_bus(self, robot: RobotBody, clock: Clock) -> ServoBus:
-        """The bus that the options name. Raises RetargetError."""
+        """Make the bus of the options. Raises RetargetError."""
         options = self._options
         self._may_topple = options.has_mass and robot.stands and not robot.profile.postures.stays_at_rest
         if not options.has_physics:
@@ -115,17 +113,16 @@ class PhysicsBench:
 
     @property
     def may_topple(self) -> bool:
-        """Whether the robot may go down when torque goes off at the end of the run."""
+        """True if the robot may fall when torque goes off at the end of the run."""
         return self._may_topple and self._options.torque_off_at_end
 
     def look(self, machine: Machine, samples: Samples) -> tuple[StopCause, str] | None:
-        """Look at the simulation, once a tick. Returns why a robot that has fallen is to stop. samples: of the
-        performance, within which a push comes."""
+        """Look at the simulation, once a tick. Returns the reason for which a robot that has fallen stops."""
         if self._bus is None:
             return None
         fall, now = self._bus.witness.fall, self._bus.witness.simulation.time
         if self._to_push and machine.supervisor.state is RunState.FOLLOW:
-            # Once, at a random time of the performance, which begins now.
+            # One push, at a random time of the performance, which begins now.
             from sim.physics.perturbation import PerturbationKind, drawn
 
             self._to_push = False
@@ -139,27 +136,26 @@ class PhysicsBench:
         return None
 
     def hang(self, mass: float, frame: str) -> None:
-        """Hang an object, kg, at a frame of the simulated robot, as long as the run lasts; others carry it already."""
+        """Hang an object, kg, at a frame of the simulated robot. A real robot carries it already."""
         if self._bus is not None:
             from sim.physics.perturbation import Push
 
             self._bus.witness.simulation.push(Push((0.0, 0.0, -GRAVITY * mass), 0.0, 1e6, frame))
 
     def seen(self, run: RunResult) -> RunResult:
-        """The run with the simulation's measurements added; call it when the bus is closed."""
+        """Add the measurements of the simulation to a run whose bus is closed."""
         if self._bus is None:
             return run
         from sim.physics.witness import physics_run
 
-        asked, time = self._options.physics, run.record.time
+        options, time = self._options.physics, run.record.time
         begun = float(time[0]) if len(time) else 0.0
-        return replace(
-            run, physics=physics_run(self._bus.witness, begun=begun, seed=asked.seed, perturbations=asked.perturbations)
-        )
+        kinds = options.perturbations
+        measured = physics_run(self._bus.witness, begun=begun, seed=options.seed, perturbations=kinds)
+        return replace(run, physics=measured)
 
     def truth(self) -> FloatArray | None:
-        """The state of the simulated body when its servos were read last, m and rad (see `truth_names`); None without
-        physics."""
+        """The state of the simulated body when its servos were read last, m and rad (see `truth_names`), or None."""
         if self._bus is None:
             return None
         state, body = self._bus.witness.state, self._robot.body
@@ -169,27 +165,28 @@ class PhysicsBench:
         from sim.buses import physics_bus, physics_wire_bus, simulation_of
         from sim.physics.perturbation import PerturbationKind, combined, drawn
 
-        options, asked = self._options, self._options.physics
+        options, physics = self._options, self._options.physics
 
         def notify(text: str) -> None:
             self._notify(News(f"note: {text}"))
 
-        if asked.root is not None:  # it follows with the root of its mount, and still has soles
+        if physics.root is not None:  # it follows with the root of its mount, and still has soles
             robot = load_robot(options.robot)
             robot = robot if options.max_force is None else with_max_force(robot, options.max_force)
         self._robot = robot
         mount = self._mount(robot)
         if mount.support.value == "floor":
             check_stand(robot)
-        constant = [perturbation_of(text) for text in asked.perturbations if text != "push"]
-        perturbed = [drawn(PerturbationKind(kind), asked.seed, within=(0, 0), value=value) for kind, value in constant]
+        constant = [perturbation_of(text) for text in physics.perturbations if text != "push"]
+        seed = physics.seed
+        perturbed = [drawn(PerturbationKind(kind), seed, within=(0, 0), value=value) for kind, value in constant]
         simulation = simulation_of(
             robot,
             start=posture_ticks(robot),
             scene=None if options.scene is None else load_scene(options.scene),
             mount=mount,
             perturbation=combined(perturbed),
-            seed=asked.seed,
+            seed=seed,
             notify=notify,
         )
         if options.bus == "physics":
@@ -197,13 +194,12 @@ class PhysicsBench:
         return physics_wire_bus(simulation, clock, faults=options.faults, notify=notify)
 
     def _mount(self, robot: RobotBody) -> "Mount":
-        """The mount that the options ask for, else that of the profile."""
         from sim.physics.mount import Mount, Support, mount_of
 
-        asked = self._options.physics
-        mount = mount_of(robot) if asked.mount is None else Mount(Support(asked.mount))
-        if asked.hook is None:
+        physics = self._options.physics
+        mount = mount_of(robot) if physics.mount is None else Mount(Support(physics.mount))
+        if physics.hook is None:
             return mount
         if mount.support is not Support.GANTRY:
             raise UsageError("only a gantry has a hook", where="--hook", found=f"on the {mount.support.value}")
-        return replace(mount, hook=asked.hook)
+        return replace(mount, hook=physics.hook)

@@ -1,4 +1,4 @@
-"""`retarget check FILE...`: validate profiles, priorities, performers, scenes and sessions; say what is in them."""
+"""`retarget check FILE...`: validate and describe profiles, priorities, performers, scenes and sessions."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ from retarget.cli.exit import echo
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, renamed_to, suggest
 from retarget.ik.support_polygon import check_stand
 from retarget.model.human_dimensions import proportional_dimensions
-from retarget.model.observers import DroppedPair, robot_observers
+from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody, load_profile, load_robot
 from retarget.robot.balance import heaviest_loads
 from retarget.robot.follower import Follower
@@ -31,20 +31,20 @@ from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
 from retarget.schema.profile import DRAFT, marked_lines
 from retarget.schema.profile_parts import safety_facts
-from retarget.schema.scene import Obstacle, load_scene
+from retarget.schema.scene import load_scene
 from retarget.schema.strict_models import Schema, listed, unknown_name
 from retarget.schema.strict_yaml import Document, read_text, scan
 from retarget.sources.open import SUFFIXES
 
 STATURE_M = 1.75
-"""Of a performer for whom a map is the same as for any other."""
+"""Stature of a performer, m. The map is the same for any other."""
 ELSEWHERE = {
     **dict.fromkeys(
         (".xml", ".urdf", ".mjcf"), "A body is checked with the profile that names it: give its robot.yaml"
     ),
     **dict.fromkeys((".asf", *(f".{suffix}" for suffix in SUFFIXES)), "For a motion file use `retarget inspect`"),
 }
-"""Suffixes of files that are not checked here, and what to do with them."""
+"""Next step for files with other suffixes."""
 
 
 def check(files: list[str], reach: Path | None = None) -> None:
@@ -72,7 +72,7 @@ def check(files: list[str], reach: Path | None = None) -> None:
 
 
 def _reach(targets: Sequence[tuple[Kind, Path]], picture: Path) -> None:
-    """Draw the reachability map of a robot, and say its numbers. Raises UsageError: not one robot, or no strategies."""
+    """Draw the reachability map of a robot and print its numbers. Raises UsageError."""
     from retarget.pictures.reach import draw_reach, reach_numbers
 
     robots = [path for kind, path in targets if kind is Kind.ROBOT]
@@ -93,7 +93,7 @@ def _reach(targets: Sequence[tuple[Kind, Path]], picture: Path) -> None:
 
 
 def _targets(name: str) -> list[tuple[Kind, Path]]:
-    """The files that a name or a path means, and their kinds: a name may be one of a robot and of a priority file."""
+    """The files that a name or path means, and their kinds. A name may be that of a robot and of a priority file."""
     every = [(kind, entry) for kind in Kind for entry in entries(kind)]
     named = [(kind, entry.path) for kind, entry in every if entry.name == name]
     if named:
@@ -146,6 +146,7 @@ def _robot(path: Path) -> str:
     for bus in ("mock", "profile"):  # without mass, and with it
         try_robot(robot, RunOptions(robot=str(path), bus=bus))
     try_approach(robot)
+    dropped = [f"{one.first} and {one.second}: {one.reason}" for one in observers.dropped if not one.neighbours]
     models, layouts = [servo.model for servo in profile.servos.values()], profile.layouts()
     facts = {
         "body": f"{profile.body_path.name}, root {profile.root}",
@@ -156,7 +157,7 @@ def _robot(path: Path) -> str:
         "frames": f"{len(profile.frames)}",
         "landmarks": ", ".join(profile.landmarks),
         "observers": f"{len(observers.names)}, {len(observers.pairs)} pairs of them checked",
-        "not checked": _not_checked(observers.dropped),
+        "not checked": listed(dropped, limit=3) or "only neighbours along the body",
         "feet": ", ".join(profile.feet) or "none",
         "presses": _contacts(robot),
     }
@@ -182,29 +183,23 @@ def _robot(path: Path) -> str:
 
 
 def wide_ranges(wide: Sequence[str]) -> str:
-    """What `questioned_ranges` found, shortly, and what to do about it."""
+    """Findings of `questioned_ranges` in words, with the next step."""
     advice = "Draw `limits` in to what the robot can do: the gate stops at a touch, and nothing else does"
     return f"{counted(len(wide), 'wide range')}: {listed(wide, limit=3)}. {advice}"
 
 
 def _rests(how: str | None, *, stays: bool) -> str:
-    """How a robot is at rest without torque, in words. how: it goes down in simulation; stays: by its profile."""
+    """Words about a robot at rest without torque. how: it falls in simulation; stays: by its profile."""
     if how is not None:
-        says = "though its profile says that it stays" if stays else "so a run ends standing, with torque"
-        return f"it goes down without torque ({how}), {says}"
+        then = "though its profile says that it stays" if stays else "so a run ends standing, with torque"
+        return f"it goes down without torque ({how}), {then}"
     if stays:
         return "it stays there without torque, as tried in simulation"
     return "it stays there without torque in simulation: write `stays_at_rest: true`, and runs end there"
 
 
-def _not_checked(dropped: tuple[DroppedPair, ...]) -> str:
-    """The first pairs that are dropped, and why."""
-    shown = [f"{pair.first} and {pair.second}: {pair.reason}" for pair in dropped if not pair.neighbours]
-    return listed(shown, limit=3) or "only neighbours along the body"
-
-
 def _stiffness(robot: RobotBody) -> str:
-    """How stiff shafts are taken to be, by model and P gain."""
+    """Stiffness of shafts by model and P gain, in words."""
     found: dict[str, None] = {}
     for servo in robot.joint_map.servos:
         name, gain = servo.model.name, p_gain(servo) / DEFAULT_P_GAIN
@@ -215,7 +210,7 @@ def _stiffness(robot: RobotBody) -> str:
 
 
 def _contacts(robot: RobotBody) -> str:
-    """Which joints notice that they press against something."""
+    """Joints that notice contact, in words."""
     felt = felt_servos(robot)
     if not felt.any():
         return f"not noticed: no servo beside those that carry it measures a current {SLOWEST_HZ:g} times a second"
@@ -223,7 +218,7 @@ def _contacts(robot: RobotBody) -> str:
 
 
 def _calibration(robot: RobotBody) -> str:
-    """Which servos are homed, when, and where the file is."""
+    """Number of homed servos, date, and file of the calibration."""
     if robot.calibration is None:
         return "none: zero ticks of the profile"
     servos = robot.calibration.servos
@@ -234,7 +229,7 @@ def _calibration(robot: RobotBody) -> str:
 
 
 def _bus(bus: BusSpec, layout: Layout) -> str:
-    """A bus in words, with what its servos do when the host goes silent."""
+    """A bus in words, with its watchdog."""
     watchdog = f"bus watchdog {bus.watchdog:g} s" if bus.watchdog else "bus watchdog off"
     if layout is Layout.OLDER:
         watchdog = f"no bus watchdog: servos of {layout.value} hold their last goal when the host goes silent"
@@ -242,7 +237,7 @@ def _bus(bus: BusSpec, layout: Layout) -> str:
 
 
 def _unknown_priorities(document: Document) -> list[Problem]:
-    """Priority files that the profile names and that do not exist."""
+    """Problems: priority files of the profile that do not exist."""
     known = tuple(entry.name for entry in entries(Kind.PRIORITIES))
     named = {key: document.data.get(key) for key in ("reconstruct", "retarget", "standing")}
     return [
@@ -275,18 +270,27 @@ def _performer(path: Path) -> str:
 
 def _scene(path: Path) -> str:
     scene = load_scene(path)
-    obstacles = {name: _obstacle(obstacle) for name, obstacle in scene.obstacles.items()}
-    return _paragraph("scene", scene, path, {"description": scene.description} | obstacles)
+    facts = {"description": scene.description}
+    for name, obstacle in scene.obstacles.items():
+        poses = obstacle.path
+        if poses is not None:
+            again = ", again and again" if obstacle.loop else ""
+            moves = f", {len(poses)} poses in {poses[-1].time - poses[0].time:g} s{again}"
+        else:
+            moves = "" if obstacle.velocity is None and obstacle.angular_velocity is None else ", at constant velocity"
+        place = f"{obstacle.shape.label} in the {obstacle.frame}{moves}"
+        stands = "; soles may stand on it" if obstacle.ground else ""
+        facts[name] = f"{place}; influence {obstacle.influence:g} m, margin {obstacle.margin:g} m{stands}"
+    return _paragraph("scene", scene, path, facts)
 
 
 STAND_INS = {"robot": "op3", "source": "sample"}
-"""Options that a session file may leave to the command line, and what it is checked with."""
+"""Options for the check of a session file without them."""
 
 
 def _session(path: Path) -> str:
-    from retarget.cli.application import called, command_of
+    from retarget.cli.application import called, command_of, session_options
     from retarget.cli.run import check_request
-    from retarget.cli.session import session_options
 
     command = command_of(check_request)
     options = {name: value() for name, value in session_options(path, command).items()}
@@ -299,18 +303,6 @@ def _session(path: Path) -> str:
         problems = [replace(one, where=": ".join(filter(None, (str(path), one.where)))) for one in error.problems]
         raise ConfigError.from_problems(problems) from error
     return _paragraph("session", None, path, {name: str(value) for name, value in options.items()})
-
-
-def _obstacle(obstacle: Obstacle) -> str:
-    path = obstacle.path
-    if path is not None:
-        last = path[-1].time
-        moves = f", {len(path)} poses in {last - path[0].time:g} s" + (", again and again" if obstacle.loop else "")
-    else:
-        moves = "" if obstacle.velocity is None and obstacle.angular_velocity is None else ", at constant velocity"
-    place = f"{obstacle.shape.label} in the {obstacle.frame}{moves}"
-    stands = "; soles may stand on it" if obstacle.ground else ""
-    return f"{place}; influence {obstacle.influence:g} m, margin {obstacle.margin:g} m{stands}"
 
 
 _REPORTS: dict[Kind, Callable[[Path], str]] = {

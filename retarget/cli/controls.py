@@ -1,6 +1,6 @@
-"""How the operator stops or holds a live run: keys, a dead-man key or pedal, a stop file, the control socket.
+"""Controls by which the operator stops or holds a live run: keys, a dead-man control, a stop file, the control socket.
 
-Each is a `Control`, which only asks. `RunOperator` carries out what they ask for, once in every tick.
+A `Control` only yields requests. `RunOperator` carries them out, once in every tick.
 """
 
 import errno
@@ -20,18 +20,16 @@ from pathlib import Path
 from typing import Protocol
 
 from hardware.realtime import Scheduling, refuse_scheduling
-from retarget.cli.event_device import EventDevice
-from retarget.cli.exit import ForcedStopKey, Press
-from retarget.cli.stick import Gamepad, KeyStick
+from retarget.cli.exit import ForcedStopKey, KeyPress
+from retarget.cli.stick import EventDevice, Gamepad, KeyStick
 from retarget.cli.stop import MAX_LINE, WHERE, connect_to
 from retarget.errors import UsageError, renamed_to
 from retarget.types import RunState
 
 
-class Asked(Enum):
-    """What a control asks for. STOP_TOO_SOON: a second stop that does not count (see `Press`). HOLD lasts until PAUSE,
-    the key that pauses and goes on, and PAGE_HOLD until PAGE_GO_ON. RELEASE: the dead-man control was let go; it holds
-    until GRIP."""
+class ControlRequest(Enum):
+    """A request of a control. STOP_TOO_SOON: see `KeyPress`. HOLD lasts until PAUSE, the key that pauses and goes on,
+    PAGE_HOLD until PAGE_GO_ON, and RELEASE, of the dead-man control, until GRIP."""
 
     STOP = auto()
     STOP_TOO_SOON = auto()
@@ -46,24 +44,24 @@ class Asked(Enum):
 
 
 class Control(Protocol):
-    """Something by which the operator acts on a live run."""
+    """A control of a live run."""
 
-    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
-        """What was asked for since the last poll, each with its reason for the operator, at `now`, s. Never waits, and
-        raises nothing that a person, a device or a client causes. Each is carried out before the next is read."""
+    def poll(self, now: float) -> Iterator[tuple[ControlRequest, str]]:
+        """Yield the requests since the last poll, each with its reason for the operator. now: s. Never waits, and
+        raises nothing that a person, device or client causes. The caller carries out each before it takes the next."""
 
 
-# A held key of the terminal, detected by its repeats: a terminal reports no release.
+# A held key of the terminal is detected by its repeats, because a terminal reports no release.
 
 LET_GO_S = 0.15
-"""A key counts as released this long after its last repeat. Slow keyboards repeat every 0.09 s."""
+"""Time, s, after the last repeat until a key counts as released. Slow keyboards repeat every 0.09 s."""
 NEEDED = 4
-"""Repeats without a longer pause after which a key counts as held: neither a tap nor a pasted text does."""
+"""Repeats after which a key counts as held, so that neither a tap nor a pasted text does."""
 
 
 class HeldKey:
-    """A key that is held from its fourth repeat (half a second after it went down, as keyboards are set) to 0.15 s
-    after its last. Another key ends the repeats, hence the hold. label: what the operator has to hold."""
+    """A key that is held from its fourth repeat (usually after 0.5 s) to 0.15 s after its last. Another key ends the
+    hold. label: name of the key, for the operator."""
 
     def __init__(self, key: str) -> None:
         self.key = key
@@ -72,8 +70,8 @@ class HeldKey:
         self._run = 0
 
     def held(self, pressed: str, now: float) -> bool:
-        """Whether it is held at `now`, s. pressed: keys since the last poll."""
-        if pressed.strip(self.key):  # another key: this one is released, or a text is pasted
+        """True if it is held at `now`, s. pressed: keys since the last poll."""
+        if pressed.strip(self.key):  # another key, or a pasted text
             self._run, self._last = 0, now
         elif pressed:
             self._run = self._run + 1 if now - self._last <= LET_GO_S else 1
@@ -81,13 +79,17 @@ class HeldKey:
         return self._run >= NEEDED and now - self._last <= LET_GO_S
 
 
-# Keys that are pressed while a robot moves, one at a time, without Enter; none where there is no terminal.
+# Keys of the terminal, without Enter.
 
 MOST = 64
-"""Keys that one poll takes."""
-KEYS = {"p": Asked.PAUSE, "h": Asked.HEADING}
-PRESSES = {Press.FIRST: Asked.STOP, Press.TOO_SOON: Asked.STOP_TOO_SOON, Press.SECOND: Asked.TORQUE_OFF}
-"""What presses of the space bar ask for."""
+"""Most keys of one poll."""
+KEYS = {"p": ControlRequest.PAUSE, "h": ControlRequest.HEADING}
+PRESSES = {
+    KeyPress.FIRST: ControlRequest.STOP,
+    KeyPress.TOO_SOON: ControlRequest.STOP_TOO_SOON,
+    KeyPress.SECOND: ControlRequest.TORQUE_OFF,
+}
+"""Requests of the space bar."""
 HELP = (
     "keys: space stops (once more, after a second: torque off at once), p pauses and goes on, h takes the way you face "
     "as straight ahead"
@@ -95,17 +97,17 @@ HELP = (
 SPACE, GOES_ON = "interrupted by the user (space bar)", "p goes on"
 NEVER_GOES_ON = "there is no terminal whose p would go on, so stop it: `retarget stop`"
 GRIPS = {
-    True: (Asked.GRIP, "dead-man control held"),
-    False: (Asked.RELEASE, "dead-man control released: the robot holds"),
+    True: (ControlRequest.GRIP, "dead-man control held"),
+    False: (ControlRequest.RELEASE, "dead-man control released: the robot holds"),
 }
-"""What a dead-man control asks for when it is held, and when it is let go."""
+"""Requests of a dead-man control that is held, and let go."""
 INPUT_MODES = 0
-"""Index into what `termios.tcgetattr` returns."""
+"""Index into the list of `termios.tcgetattr`."""
 
 
 class Keyboard:
-    """The keyboard of a terminal. Space stops, and again forces torque off; p pauses and goes on; h takes a heading;
-    the dead-man key grips; those of a stick walk. Ctrl-C stays a signal; Ctrl-S does not stop the output."""
+    """The keyboard of a terminal, with the keys of HELP, of the dead-man control and of a stick. Ctrl-C stays a signal;
+    Ctrl-S does not stop the output."""
 
     def __init__(
         self, fd: int | None = None, *, dead_man: HeldKey | None = None, stick: KeyStick | None = None
@@ -122,14 +124,14 @@ class Keyboard:
             termios.tcsetattr(self._fd, termios.TCSANOW, as_keys)
 
     def close(self) -> None:
-        """Give the terminal back as it was."""
+        """Restore the settings of the terminal."""
         if self._fd is not None and self._before is not None:
             with suppress(termios.error, OSError):  # the terminal may be gone
                 termios.tcsetattr(self._fd, termios.TCSANOW, self._before)  # type: ignore[arg-type]
             self._before = None
 
-    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
-        """Return what the keys ask for, as `Control.poll` says."""
+    def poll(self, now: float) -> Iterator[tuple[ControlRequest, str]]:
+        """Yield the requests of the keys; see `Control.poll`."""
         pressed = self.pressed()
         if self._stick is not None:
             self._stick.press(pressed, now)
@@ -161,10 +163,9 @@ class Keyboard:
 
 
 class Pedal(EventDevice):
-    """An open event device as a dead-man control. Pressed means pressed since it was opened: a key that is down before
-    counts from its next press.
+    """An event device as a dead-man control. A key that was down before it was opened counts from its next press.
 
-    code: the only key that counts, as `evtest` shows it; None: any. label: what the operator has to hold.
+    code: the only key that counts, as `evtest` shows it; None: any. label: name of the device, for the operator.
     """
 
     def __init__(self, path: str, *, code: int | None = None) -> None:
@@ -174,37 +175,37 @@ class Pedal(EventDevice):
         self.label = f"the pedal {path}"
         self._held = False
 
-    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
-        """Return what the pedal asks for, as `Control.poll` says. A device that is lost counts as released for good."""
+    def poll(self, now: float) -> Iterator[tuple[ControlRequest, str]]:
+        """Yield the requests of the pedal; see `Control.poll`. A lost device counts as released for good."""
         lost_before = self.lost
         held = self.pressed()
         if self.lost and not lost_before:
             self._held = False
-            yield Asked.RELEASE, f"{self.path}: {self.lost}: it counts as released for good: stop the run"
+            yield ControlRequest.RELEASE, f"{self.path}: {self.lost}: it counts as released for good: stop the run"
         elif held is not self._held:
             self._held = held
             yield GRIPS[held]
 
     def pressed(self) -> bool:
-        """Whether a key that counts is down now; never, once the device is lost."""
+        """True if a key that counts is down now; never, once the device is lost."""
         for _ in self._events():
             pass
         return bool(self._down) if self._code is None else self._code in self._down
 
 
-# The dead-man control: a robot moves only while a pedal, a key of its own device, or a key of the terminal is held.
+# The dead-man control: a robot moves only while it is held.
 
 PEDAL = "pedal:"
 TAKEN = " ph"
-"""Keys of the terminal that mean something else already."""
+"""Keys of the terminal that have another meaning."""
 ALLOWED = "a letter or digit key of the terminal but p and h, or pedal:/dev/input/... of a pedal, button or keyboard"
 
 
 def open_dead_man(text: str, *, terminal: bool) -> HeldKey | Pedal:
-    """The key or device of `--dead-man`. terminal: whether there is one to press keys on.
+    """Open the key or device of `--dead-man`. terminal: there is one for keys.
 
-    Raises UsageError: neither a key nor a device, or a key without a terminal; HardwareError: no such device, or not
-    for this user.
+    Raises UsageError: neither a key nor a device, or a key without a terminal. HardwareError: no such device, or no
+    permission.
     """
     if text.startswith(PEDAL):
         path, _, code = text.removeprefix(PEDAL).partition("#")
@@ -227,15 +228,15 @@ def _refuse_no_terminal(option: str, text: str, *, terminal: bool, instead: str)
         raise UsageError("there is no terminal on which a key could be held", where=option, found=text, next_step=step)
 
 
-# The stick, by which the operator asks for a velocity.
+# The stick, by which the operator requests a velocity.
 
 STICK_KEYS, GAMEPAD = "keys", "gamepad:"
 
 
 def open_stick(text: str, *, terminal: bool, notify: Callable[[str], object]) -> KeyStick | Gamepad:
-    """The stick of `--stick`. terminal: whether there is one to press keys on; notify: receives that it is lost.
+    """Open the stick of `--stick`. terminal: there is one for keys. notify: receives that the device is lost.
 
-    Raises UsageError: no stick, or keys without a terminal; HardwareError: no such device, or not for this user.
+    Raises UsageError: no stick, or keys without a terminal. HardwareError: no such device, or no permission.
     """
     if text.startswith(GAMEPAD):
         return Gamepad(text.removeprefix(GAMEPAD), notify=notify)
@@ -246,15 +247,15 @@ def open_stick(text: str, *, terminal: bool, notify: Callable[[str], object]) ->
     return KeyStick()
 
 
-# The stop file: its appearance stops the robot.
+# The stop file stops the robot when it appears.
 
 FILE_PERIOD = 5
-"""Ticks between two checks for the file. The first poll checks, so no servo gets torque while the file is there."""
+"""Ticks between two checks for the file. The first poll checks: no servo gets torque while the file is there."""
 IS_THERE = "is there"
 
 
 def stop_file_state(file: Path) -> str:
-    """Why the stop file stops the robot: it exists, or cannot be looked for; "" while it is absent."""
+    """The reason why the stop file stops the robot: it exists, or cannot be looked for. "" while it is absent."""
     try:
         file.lstat()  # `exists` is also False where it cannot be looked for
     except FileNotFoundError:
@@ -265,25 +266,25 @@ def stop_file_state(file: Path) -> str:
 
 
 class StopFile:
-    """A file that stops the run when it appears, or cannot be looked for. It is not removed."""
+    """A file that stops the run when it appears or cannot be looked for. It is not removed."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._polls = path, 0
 
-    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
-        """Return whether the file asks for a stop, as `Control.poll` says."""
+    def poll(self, now: float) -> Iterator[tuple[ControlRequest, str]]:
+        """Yield a stop if the file is there; see `Control.poll`."""
         self._polls += 1
         if self._polls % FILE_PERIOD == 1 and (state := stop_file_state(self._path)):
-            yield Asked.STOP, f"{self._path} {state}"
+            yield ControlRequest.STOP, f"{self._path} {state}"
 
 
-# The control socket of this user: one word a line, one line back.
+# The control socket of this user: a word a line, and a line in answer.
 
 
 @dataclass(frozen=True)
 class LiveStatus:
-    """state: of the run, null without a robot. followed: whether the performer is followed now. let_go: whether it
-    holds on purpose. stop: why the robot stops or stopped, else null."""
+    """The state of a run, null without a robot. followed: the performer is followed now. let_go: the operator holds the
+    robot. stop: reason of the stop, else null."""
 
     state: str | None
     followed: bool
@@ -293,29 +294,29 @@ class LiveStatus:
 
 STOPPED_BY = "requested through the control socket (`retarget stop`)"
 WORDS = {
-    "stop": (Asked.STOP, STOPPED_BY, "ok stopping"),
-    "torque_off": (Asked.TORQUE_OFF, STOPPED_BY, "ok torque off"),
-    "hold": (Asked.HOLD, "paused by the control socket: the robot holds", "ok holding"),
+    "stop": (ControlRequest.STOP, STOPPED_BY, "ok stopping"),
+    "torque_off": (ControlRequest.TORQUE_OFF, STOPPED_BY, "ok torque off"),
+    "hold": (ControlRequest.HOLD, "paused by the control socket: the robot holds", "ok holding"),
 }
-"""Words that ask for something: what, the reason for the operator, and the answer. `status` asks for nothing."""
+"""Words of the socket: request, reason for the operator, and answer. `status` requests nothing."""
 MOST_CLIENTS = 4
-"""Clients that are served at once; a new client takes the place of the oldest one."""
+"""Clients that are served at once. A new one replaces the oldest."""
 MOST_LINES = 8
-"""Lines, at their longest, that are read from one client in one poll."""
+"""Longest lines that one poll reads from a client."""
 
 
 STANDS = "error: the robot stands already, with torque: hold it, then send torque_off (retarget stop --torque-off)"
 
 
 class ControlSocket:
-    """The listener: other programs stop or hold the run, and cannot make it move. Only its owner may connect, and its
-    file is removed at the end. Memory is bounded."""
+    """The listener, by which other programs stop or hold the run but cannot make it move. Only its owner may connect.
+    Its memory is bounded."""
 
     def __init__(self, path: Path, *, status: Callable[[], LiveStatus], goes_on: str = GOES_ON) -> None:
-        """status: of the run. goes_on: what ends a hold. Raises UsageError for a path that is in use, is not a socket,
-        or has no folder."""
+        """goes_on: how a hold ends, in words. Raises UsageError for a path that is in use, is no socket, or has no
+        folder."""
         self.path, self._status, self._goes_on = path, status, goes_on
-        self._clients: dict[socket.socket, bytes] = {}  # what each has sent of its next line; oldest first
+        self._clients: dict[socket.socket, bytes] = {}  # the begun line of each, oldest first
         _clear(path)
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         before = os.umask(0o177)  # only its owner may connect, from the start
@@ -333,23 +334,23 @@ class ControlSocket:
             os.umask(before)
 
     def close(self) -> None:
-        """Disconnect all, and remove the file."""
+        """Disconnect all clients, and remove the file."""
         for client in [*self._clients]:
             self._drop(client)
         with suppress(OSError):
             self.path.unlink()
         self._listener.close()
 
-    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
-        """Return what clients ask for, as `Control.poll` says. A word is answered when it has been carried out."""
+    def poll(self, now: float) -> Iterator[tuple[ControlRequest, str]]:
+        """Yield the requests of clients; see `Control.poll`. Each is answered when it has been carried out."""
         self._accept()
         for client in [*self._clients]:
             for word in self._received(client):
                 if word in ("stop", "hold") and self._status().state == RunState.STANDING.value:
                     answer = STANDS
                 elif word in WORDS:
-                    asked, reason, answer = WORDS[word]
-                    yield asked, f"{reason}; {self._goes_on}" if asked is Asked.HOLD else reason
+                    request, reason, answer = WORDS[word]
+                    yield request, f"{reason}; {self._goes_on}" if request is ControlRequest.HOLD else reason
                 elif word == "status":
                     answer = json.dumps(asdict(self._status()))
                 else:
@@ -369,7 +370,7 @@ class ControlSocket:
             self._clients[client] = b""
 
     def _received(self, client: socket.socket) -> list[str]:
-        """The words of the lines that have come, also of a client that does not wait for the answer."""
+        """The words of the lines that have come, also of a client that has left."""
         try:
             data = client.recv(MAX_LINE * MOST_LINES)
         except BlockingIOError:
@@ -396,7 +397,7 @@ class ControlSocket:
 
 
 def _clear(path: Path) -> None:
-    """Remove the file of a socket on which no process listens any more."""
+    """Remove the file of a socket on which no process listens. Raises UsageError for any other."""
     try:
         mode = path.lstat().st_mode
     except OSError:
@@ -409,7 +410,7 @@ def _clear(path: Path) -> None:
         with suppress(OSError):
             path.unlink()
         return
-    except OSError:  # a busy listener, or another user's socket: binding fails with the reason
+    except OSError:  # a busy listener, or the socket of another user
         pass
     raise UsageError(
         "another run listens there",
@@ -419,18 +420,15 @@ def _clear(path: Path) -> None:
 
 
 def refused_word(word: str) -> str:
-    """The answer of the control socket to a word that it does not have, or no longer has."""
+    """The answer of the control socket to an unknown or renamed word."""
     allowed = (*WORDS, "status")
     step = renamed_to(word, allowed) or "only a person at the keyboard lets the robot move"
     return f"error: found {word[:20]!a}, allowed: {', '.join(allowed)}; {step}"
 
 
-# Options of the command line: what may stop or hold a live run, and how its ticks are scheduled.
-
-
 @dataclass(frozen=True, kw_only=True)
 class Oversight:
-    """What may stop or hold a live run, and how its ticks are scheduled.
+    """Options of the operator of a live run, and of the scheduling of its ticks.
 
     Operator of a live stream:
         dead_man KEY|pedal:FILE|page: The robot moves only while this is held.
@@ -457,8 +455,8 @@ class Oversight:
 
 
 def refuse_oversight(oversight: Oversight, *, virtual: bool) -> None:
-    """Raise UsageError or HardwareError for what is not possible, also for a file that would stop the robot at once.
-    virtual: time runs as fast as the machine can."""
+    """Raise UsageError or HardwareError for impossible options, and for a stop file that is there already. virtual: the
+    run is on virtual time."""
     file = oversight.stop_file
     if file is not None and (state := stop_file_state(file)):
         already, step = "", "Name one in a folder that exists and is yours"
@@ -485,5 +483,5 @@ def refuse_oversight(oversight: Oversight, *, virtual: bool) -> None:
 
 
 def has_terminal() -> bool:
-    """Whether keys can be pressed."""
+    """True if keys can be pressed."""
     return sys.stdin is not None and sys.stdin.isatty()

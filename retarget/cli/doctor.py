@@ -1,4 +1,4 @@
-"""`retarget doctor`: what is wrong with a stream, a servo port or this machine, one line each with what to do."""
+"""`retarget doctor`: find faults of a stream, a servo port or this machine, each with a next step."""
 
 import json
 from dataclasses import asdict
@@ -17,9 +17,9 @@ from retarget.schema.files import write_atomic
 from retarget.setup.doctor_machine import DoctorFinding, FindingLevel
 
 LISTEN_S = 5.0
-"""Usual time, s, to listen to a stream: over a hundred poses at the slowest rate that senders have."""
+"""Usual time, s, to listen to a stream: over a hundred poses of the slowest sender."""
 LONGEST_S = 600.0
-"""Longest time, s, that `--seconds` may ask for; a recording is heard to its end or for so long."""
+"""Longest time, s, of `--seconds`, and of a recording."""
 
 
 def doctor(
@@ -42,7 +42,7 @@ def doctor(
         performer NAME|FILE: The sensors that the stream should send; five if not given.
         robot NAME|PATH: Look at the servo ports of this robot.
         tilt: Tilt the robot by hand: do the signs of its IMU agree?
-        seconds S: How long to listen; 5 if not given, for a recording all of it.
+        seconds S: Time to listen; 5 if not given, for a recording all of it.
         file (--json) FILE: Write the findings as well.
     """
     _check(target, performer=performer, robot=robot, seconds=seconds)
@@ -65,7 +65,7 @@ def doctor(
 
 
 def _check(target: str | None, *, performer: str | None, robot: str | None, seconds: float | None) -> None:
-    """Raise UsageError for what does not go together."""
+    """Raise UsageError for options that exclude each other."""
     is_stream = target is not None and is_address(target)
     if target is not None and robot is not None:
         step = "Leave one out"
@@ -107,11 +107,11 @@ def _page(address: StreamAddress, name: str, seconds: float) -> list[DoctorFindi
     with opened_web(address, "doctor", notify=log) as (feed, receiver):
         control = PageControl(feed, log)
 
-        def heard() -> list[dict[str, Any]]:
+        def health() -> list[dict[str, Any]]:
             control.look()
             return [*control.health]
 
-        return web_findings(address, performer, receiver, heard, clock=clock, seconds=seconds)
+        return web_findings(address, performer, receiver, health, clock=clock, seconds=seconds)
 
 
 def _ports(path: str | None, robot: str | None) -> list[DoctorFinding]:
@@ -137,7 +137,7 @@ def _tilt(robot: str | None) -> list[DoctorFinding]:
     where, clock = Where(robot=robot), MonotonicClock()
     places = find_places(where, clock=clock)
 
-    def ask(text: str) -> None:
+    def prompt(text: str) -> None:
         input(f"{text}. Press Enter when you begin: ")
 
     with opened(places):
@@ -148,7 +148,7 @@ def _tilt(robot: str | None) -> list[DoctorFinding]:
             )
         try:
             imu.open()
-            return tilt_findings(lambda: imu.sample(clock.now()), clock.sleep_until, clock.now, ask)
+            return tilt_findings(lambda: imu.sample(clock.now()), clock.sleep_until, clock.now, prompt)
         finally:
             imu.close()
 

@@ -1,17 +1,22 @@
-"""`retarget emulate`: a robot's servos on pseudo-terminals, for any program that opens a serial port."""
+"""`retarget emulate`: the servos of a robot on pseudo-terminals. `retarget faults`: every fault in live runs."""
 
 import os
 import signal
 import socket
 import stat
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+from rich.table import Table
 
 from hardware.bus import BusSpec
 from hardware.clock import Clock, MonotonicClock
+from retarget.cli.application import console
 from retarget.cli.buses import posture_ticks
 from retarget.cli.exit import echo, stop_on_signals
 from retarget.errors import UsageError, suggest
@@ -23,8 +28,12 @@ from sim.emulator.line import REAL_TIME_GAP, Line, LineTiming
 from sim.emulator.ports import Link, PseudoTerminal, serve
 from sim.emulator.robot_lines import connect, robot_lines
 
+if TYPE_CHECKING:
+    from sim.faults.cases import Case
+    from sim.faults.judge import Verdict
+
 RANDOM_SPAN = 60.0
-"""Time in s over which faults of a bare seed are spread."""
+"""Time, s, over which the faults of a seed are spread."""
 
 
 def emulate(
@@ -45,14 +54,13 @@ def emulate(
     of that joint alone on the line, 'connect all' brings all back.
 
     Options:
-        robot NAME|PATH: Robot by name or path.
-        link PATH: Where clients find it; with several buses PATH-NAME for each.
-        faults FILE.yaml: What goes wrong, and when.
-        seed N: Of all chance in the faults; without a file: of the faults too.
+        link PATH: Path of the port; with several buses PATH-NAME for each.
+        faults FILE.yaml: Faults, and their times.
+        seed N: Seed of all chance in the faults; without a file: of the faults too.
         no_wire_delay: Answer at once, whatever the baud rate.
         power_off: Begin with the servos' power off, where the robot has a switch for it.
         new: Servos as the maker delivers them, none connected, to set up one by one.
-        gaps: What a missing servo does to those behind it in a group read.
+        gaps: Effect of a missing servo on those behind it in a group read.
         boot_time (--boot) SECONDS: Time of a servo's start.
         fed_by (--watchdog-fed-by): Packets that feed a bus watchdog: all, or only those to the servo and broadcasts.
         seconds (--for) SECONDS: End after so long.
@@ -111,7 +119,7 @@ def _serve(
 
     def type_line(text: str) -> None:
         word, *joints = text.split() or [""]
-        _say(_connect(body, lines, joints) if word == "connect" else obey(text, states, ids, clock.now))
+        _answer(_connect(body, lines, joints) if word == "connect" else obey(text, states, ids, clock.now))
 
     typed = TypedLines(type_line)
     with ExitStack() as stack:
@@ -132,11 +140,13 @@ def _serve(
         keyboard = TypedLines.descriptor()
         if keyboard is not None:
             listen[keyboard] = typed.read
-        serve(terminals, clock, until=stop, listen=listen, deadline=float("inf") if until is None else until, warn=_say)
+        serve(
+            terminals, clock, until=stop, listen=listen, deadline=float("inf") if until is None else until, warn=_answer
+        )
 
 
 def _connect(body: RobotBody, lines: Mapping[str, Line], joints: Sequence[str]) -> str:
-    """Leave the servos of these joints, or all, on the lines; return the reply."""
+    """Connect the servos of these joints, or all, and no others. Returns the reply."""
     known = body.joint_map.joints
     unknown = [joint for joint in joints if joint not in known and joint != "all"]
     if unknown:
@@ -145,22 +155,20 @@ def _connect(body: RobotBody, lines: Mapping[str, Line], joints: Sequence[str]) 
     return f"connected: {', '.join(joints) or 'no servo'}"
 
 
-def _say(text: str) -> None:
-    """Answer a typed line on stderr; a lost terminal stops nothing."""
+def _answer(text: str) -> None:
+    """Answer a typed line on stderr. A lost terminal stops nothing."""
     if text:
         with suppress(OSError):
             echo(text, err=True)
 
 
-# Lines that are typed, or written by another program, while a command waits for other things too.
-
 MAX_LINE = 4096
-"""Longest line that is kept, bytes; a longer one is cut there."""
+"""Most bytes of a line; a longer one is cut."""
 
 
 class TypedLines:
-    """Passes whole lines of the standard input to `obey` as they come. Only a terminal in the foreground, or a pipe, is
-    read: reading would stop a background process."""
+    """Passes lines of the standard input to `obey`. It reads only a pipe or a terminal in the foreground, because
+    reading would stop a background process."""
 
     def __init__(self, obey: Callable[[str], None]) -> None:
         self._obey = obey
@@ -168,7 +176,7 @@ class TypedLines:
 
     @staticmethod
     def descriptor() -> int | None:
-        """The descriptor to wait on; None where there is no input."""
+        """The descriptor to wait on; None without input."""
         try:
             fd = sys.stdin.fileno()
             is_pipe = stat.S_ISFIFO(os.fstat(fd).st_mode)
@@ -178,7 +186,7 @@ class TypedLines:
         return fd if is_pipe or in_front else None
 
     def read(self) -> bool:
-        """Take what is there; False at the end of the input."""
+        """Take the present input. False at its end."""
         fd = self.descriptor()
         try:
             data = b"" if fd is None else os.read(fd, MAX_LINE)
@@ -191,3 +199,80 @@ class TypedLines:
         for line in lines:
             self._obey(line.decode(errors="replace"))
         return bool(data)
+
+
+# Every fault of the fault table, in live runs of OP3.
+
+MOST_LINES = 5
+"""Lines printed of one run."""
+
+
+def faults(
+    listed: bool = False,
+    row: str | None = None,
+    seeds: int = 0,
+    first_seed: int = 0,
+    seconds: float = 60.0,
+    pairs: bool = False,
+    rows: bool = True,
+    jobs: int = 1,
+) -> None:
+    """Inject every fault of the table into a live run of OP3 on emulated servos: idle, approaching, moving, stopping.
+
+    Pipeline, gate, guard and driver are the real ones, on virtual time; goals are judged from the bytes on the wire.
+    Exit code 1 when anything was not as it has to be.
+
+    Options:
+        listed (--list): Only show the table.
+        row NAME: Only this row.
+        seeds N 0..: Also so many long runs with random faults.
+        first_seed S 0..: First seed of the random runs.
+        seconds S 1.0..: Virtual, of each random run.
+        pairs: Every two rows together, too.
+        rows: Every row alone.
+        jobs N 1..256: Processes that share the work.
+    """
+    from sim.faults.cases import pair_cases, row_cases, seed_cases
+    from sim.faults.rows import ROWS
+
+    names = [one.name for one in ROWS]
+    if row is not None and row not in names:
+        raise UsageError(
+            "no such row", where="--row", found=repr(row), allowed=", ".join(names), next_step=suggest(row, names)
+        )
+    if listed:
+        table = Table(box=None, pad_edge=False)
+        for heading in ("fault", "a robot that moves", "within", "a run that is to begin"):
+            table.add_column(heading)
+        for one in ROWS:
+            if row in (None, one.name):
+                table.add_row(one.name, one.reaction.value, f"{one.limit:g} s" if one.limit else "-", one.idle.value)
+        console().print(table)
+        return
+    work: list[Case] = []
+    if rows or row is not None:
+        work += [case for case in row_cases() if row is None or case.name == row]
+    work += pair_cases() if pairs else []
+    work += seed_cases(range(first_seed, first_seed + seeds), seconds=seconds)
+    raise typer.Exit(_run(work, jobs))
+
+
+def _run(work: "list[Case]", jobs: int) -> int:
+    from multiprocessing import get_context
+
+    from sim.faults.cases import judged_case
+
+    bad = 0
+    with ExitStack() as stack:
+        results: Iterable[Verdict] = map(judged_case, work)
+        if jobs > 1:
+            pool = get_context("spawn").Pool(min(jobs, len(work) or 1), maxtasksperchild=200)
+            results = stack.enter_context(pool).imap(judged_case, work)
+        for result in results:
+            took = "" if result.took is None else f", after {result.took:.3f} s"
+            echo(f"{'BAD' if result.wrong else 'ok '} {result.name}{took}")
+            for line in result.wrong[:MOST_LINES]:
+                echo(f"    {line}")
+            bad += bool(result.wrong)
+    echo(f"{bad} of {len(work)} bad" if bad else f"all {len(work)} as it has to be")
+    return 1 if bad else 0

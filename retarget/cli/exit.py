@@ -1,4 +1,4 @@
-"""How a command ends: errors become a message and an exit code, signals act as Ctrl-C, no terminal holds it up."""
+"""The end of a command: messages, exit codes, signals, and streams that never hold up a robot."""
 
 import io
 import os
@@ -21,18 +21,19 @@ from typing import TextIO, cast
 from hardware.clock import Clock, MonotonicClock
 from hardware.errors import RetargetError, TorqueError, describe, printable
 
-# stdout and stderr through a queue and a thread: a stream that is gone, full or slow costs no run its files, and a
-# robot never waits for a terminal.
+# stdout and stderr pass through a queue and a thread, so that a robot never waits for a terminal.
 
 MOST = 1000
-"""Texts kept for a stream that takes none (Ctrl-S, a hung link, an unread pipe)."""
+"""Texts kept for a stream that takes none (Ctrl-S, a hung link)."""
 PATIENCE_S = 0.4
-"""Time, s, that the end of a run waits for such streams, in all."""
+"""Time, s, that the end of a run waits for such streams."""
 
 
 class Screen(io.TextIOBase):
-    """A text stream in front of another one, which a thread writes. Writing never raises: `failure` is the first error
-    of the stream. waits: whether writing waits for a stream that takes nothing; else its oldest texts are dropped."""
+    """A text stream whose thread writes to another one. Writing never raises OSError: `failure` is the first error.
+
+    waits: writing waits for a stream that takes nothing; else the oldest texts are dropped.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         """Start the thread."""
@@ -40,7 +41,7 @@ class Screen(io.TextIOBase):
         self.waits = True
         self._stream, self._fd = stream, _descriptor(stream)
         self._texts: Queue[str | None] = Queue(MOST)  # None ends the thread
-        self._thread = threading.Thread(target=self._write_all, name="screen", daemon=True)
+        self._thread = threading.Thread(target=self._write, name="screen", daemon=True)
         self._thread.start()
 
     @property
@@ -49,7 +50,7 @@ class Screen(io.TextIOBase):
         return self._stream.encoding or "utf-8"
 
     def write(self, text: str) -> int:
-        """Leave it to the thread. Raises TypeError for what is no text, as any text stream."""
+        """Queue a text for the thread. Raises TypeError for another type, as any text stream."""
         if not isinstance(text, str):
             raise TypeError(f"a text stream takes str, found {type(text).__name__}")
         while True:
@@ -62,7 +63,7 @@ class Screen(io.TextIOBase):
                     self._texts.task_done()
 
     def isatty(self) -> bool:
-        """Whether a terminal is behind it. More of the stream is not shown: `buffer` would lead past the thread."""
+        """True if the stream is a terminal."""
         return self._stream.isatty()
 
     def fileno(self) -> int:
@@ -70,49 +71,46 @@ class Screen(io.TextIOBase):
         return self._stream.fileno()
 
     def drain(self, patience: float | None) -> bool:
-        """Wait until everything is written, so many s at most (None: as long as it takes). Whether it is."""
+        """Wait until all is written, so many s at most (None: no limit). True if it is."""
         done = self._texts.all_tasks_done
         with done:
             return done.wait_for(lambda: not self._texts.unfinished_tasks, patience)
 
     def end(self, patience: float | None) -> None:
-        """Drain the stream, and end the thread where it does not hang in the stream; call it once."""
+        """Drain the stream, and end the thread unless it hangs in the stream. Call it once."""
         if self.drain(patience):
             self._texts.put(None)
             self._thread.join()
 
-    def _write_all(self) -> None:
+    def _write(self) -> None:
         while (text := self._texts.get()) is not None:
-            self._put(text)
+            try:
+                if self._fd is None:
+                    self._stream.write(text)
+                    self._stream.flush()
+                else:
+                    # A thread that hangs in the stream itself would keep its lock, and with it the end of the process.
+                    data = text.encode(self.encoding, "backslashreplace")
+                    while data:
+                        select.select((), (self._fd,), ())
+                        with suppress(BlockingIOError):
+                            data = data[os.write(self._fd, data) :]
+            except OSError as error:  # gone, or full
+                self.failure = self.failure or error
+            except ValueError:  # closed
+                pass
             self._texts.task_done()
-
-    def _put(self, text: str) -> None:
-        try:
-            if self._fd is None:
-                self._stream.write(text)
-                self._stream.flush()
-                return
-            data = text.encode(self.encoding, "backslashreplace")
-            while data:
-                # Not through the stream: a thread that hangs in it would keep its lock, and the process its end.
-                select.select((), (self._fd,), ())
-                with suppress(BlockingIOError):
-                    data = data[os.write(self._fd, data) :]
-        except OSError as error:  # gone, or full
-            self.failure = self.failure or error
-        except ValueError:  # closed
-            pass
 
     @property
     def reason(self) -> str:
-        """Why not everything was shown; empty if it was, or if the reader had seen enough (`| head`)."""
+        """The reason why a text is missing; "" for none, and for a reader that left (`| head`)."""
         if self.failure is None or isinstance(self.failure, BrokenPipeError):
             return ""
         return self.failure.strerror or str(self.failure)
 
 
 def _descriptor(stream: TextIO) -> int | None:
-    """Where the stream writes, with nothing left in it; None where it has no file."""
+    """The descriptor of a stream, flushed; None where it has no file."""
     with suppress(OSError, ValueError):
         stream.flush()
         return stream.fileno()
@@ -121,8 +119,7 @@ def _descriptor(stream: TextIO) -> int | None:
 
 @contextmanager
 def careful_stdout() -> Iterator[Screen]:
-    """Put a `Screen` in front of stdout, and wait for it in the end. A process that has no stdout or stderr gets one
-    that leads nowhere."""
+    """Put a `Screen` in front of stdout, and wait for it at the end. A missing stream becomes a null device."""
     nowhere = Path(os.devnull).open("w")  # noqa: SIM115 - open as long as the process
     sys.stdout, sys.stderr = sys.stdout or nowhere, sys.stderr or nowhere
     stream, screen = sys.stdout, Screen(sys.stdout)
@@ -131,7 +128,7 @@ def careful_stdout() -> Iterator[Screen]:
         yield screen
     finally:
         sys.stdout = stream
-        with suppress(KeyboardInterrupt):  # the reader is gone, and the user does not wait for it
+        with suppress(KeyboardInterrupt):  # the user does not wait for a reader that is gone
             screen.end(None if screen.waits else PATIENCE_S)
 
 
@@ -158,21 +155,20 @@ def detached_screens() -> Iterator[None]:
 
 
 def echo(text: str = "", *, err: bool = False, end: str = "\n", file: TextIO | None = None) -> None:
-    """Print a text of the command on stdout, on stderr, or into another stream. Names of files, robots and senders in
-    it cannot act on a terminal, whatever they are made of: see `printable`."""
+    """Print a text on stdout, on stderr, or into another stream. Control codes in names cannot act on a terminal."""
     print(printable(text) + end, end="", file=file or (sys.stderr if err else sys.stdout), flush=True)
 
 
-# Whether a key was pressed twice. A held key repeats, which does not count.
+# The second press of a key. The repeats of a held key do not count.
 
 AFTER_S = 1.2
-"""Time, s, from the first press to the earliest second one; keyboards let the first repeat come up to 1 s after it."""
+"""Least time, s, between two presses. Keyboards repeat a held key after up to 1 s."""
 PAUSE_S = 0.2
-"""Time, s, without the key before its second press. Slow keyboards repeat every 0.09 s."""
+"""Least pause, s, before the second press. Slow keyboards repeat every 0.09 s."""
 
 
-class Press(Enum):
-    """What a press of a stop key is. TOO_SOON: as a repeat of the key while it is held; it changes nothing."""
+class KeyPress(Enum):
+    """The effect of a press of a stop key. TOO_SOON: it may be the repeat of a held key, and changes nothing."""
 
     FIRST = auto()
     TOO_SOON = auto()
@@ -186,17 +182,17 @@ class ForcedStopKey:
         self._first: float | None = None
         self._last = 0.0
 
-    def pressed(self, count: int, now: float) -> Press:
-        """What the key is that came `count` times, once at least, by `now`, s, since the last poll. Several times in
-        one poll are repeats of a held key, read late."""
+    def pressed(self, count: int, now: float) -> KeyPress:
+        """The effect of a key that came `count` times (at least once) since the last poll, at `now`, s. Several times
+        in one poll are repeats that were read late."""
         first, pause, self._last = self._first, now - self._last, now
         if first is None:
             self._first = now
-            return Press.FIRST
-        return Press.SECOND if count == 1 and now - first >= AFTER_S and pause > PAUSE_S else Press.TOO_SOON
+            return KeyPress.FIRST
+        return KeyPress.SECOND if count == 1 and now - first >= AFTER_S and pause > PAUSE_S else KeyPress.TOO_SOON
 
 
-# Signals that end a command, all as Ctrl-C does. While a robot moves they request a stop, and raise nothing.
+# Signals end a command as Ctrl-C does. While a robot moves they request a stop and raise nothing.
 
 REASONS = {
     signal.SIGINT: "interrupted by the user (Ctrl-C)",
@@ -205,14 +201,13 @@ REASONS = {
     signal.SIGQUIT: "asked to quit (Ctrl-\\, SIGQUIT)",
 }
 SUSPENDED = {signal.SIGTSTP: "asked to suspend (Ctrl-Z, SIGTSTP)"}
-"""Handled while a robot moves: a suspended process would leave it standing with torque."""
+"""Handled while a robot moves: a suspended process would leave it with torque."""
 FOREGROUND = {signal.SIGINT, signal.SIGQUIT}
-"""Ignored in what a script starts with `&` (POSIX shell, 2.11). Nobody asked for that, so they count as unhandled."""
+"""Shells ignore these in processes started with `&` (POSIX shell, 2.11). They count as unhandled."""
 
 
 @contextmanager
 def _handled(numbers: Iterable[int], handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
-    """These signals have this handler."""
     before = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
@@ -222,16 +217,16 @@ def _handled(numbers: Iterable[int], handler: Callable[[int, FrameType | None], 
 
 
 def _kept_ignored(number: signal.Signals) -> bool:
-    """Whether the process was started to ignore this signal on purpose (`nohup`)."""
+    """True if the process was started to ignore this signal on purpose (`nohup`)."""
     return signal.getsignal(number) is signal.SIG_IGN and number not in FOREGROUND
 
 
 @dataclass
 class StopRequest:
-    """A request to stop. It only keeps the request, so a tick is never interrupted.
+    """A request to stop, which is kept until the next tick reads it.
 
-    why: its first reason, "" before there is one. torque_off: whether torque is to go off before the robot stands.
-    too_soon: presses of a stop key that came too soon after its first one to count.
+    why: its first reason; "" for no request. torque_off: torque goes off at once, without braking. too_soon: presses of
+    a stop key that came too soon to count.
     """
 
     why: str = ""
@@ -239,25 +234,22 @@ class StopRequest:
     too_soon: int = 0
 
     def __call__(self) -> bool:
-        """Whether a stop was asked for."""
+        """True if a stop was requested."""
         return bool(self.why)
 
-    def ask(self, why: str) -> None:
-        """Ask to stop before the next tick. why: not empty."""
+    def request(self, why: str) -> None:
+        """Request a stop before the next tick. why: not empty."""
         self.why = self.why or why
 
     def force(self, why: str) -> None:
-        """Ask to stop with torque off at once, without braking."""
+        """Request torque off at once."""
         self.why, self.torque_off = self.why or why, True
 
 
 @contextmanager
 def all_as_ctrl_c() -> Iterator[None]:
-    """SIGTERM, SIGHUP (a terminal that is gone) and SIGQUIT raise KeyboardInterrupt as SIGINT does: what is open is
-    closed.
-
-    Only signals that are not handled or ignored yet (but see `FOREGROUND`), and only in the main thread, which alone
-    may set handlers.
+    """SIGTERM, SIGHUP and SIGQUIT raise KeyboardInterrupt as SIGINT does, unless they are handled or ignored already
+    (but see `FOREGROUND`). Only the main thread may set handlers.
     """
     mine, free = threading.current_thread() is threading.main_thread(), (signal.SIG_DFL, signal.SIG_IGN)
     unhandled = [n for n in REASONS if mine and signal.getsignal(n) in free and not _kept_ignored(n)]
@@ -267,7 +259,7 @@ def all_as_ctrl_c() -> Iterator[None]:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Where nothing moves any more, inside `stop_on_signals`: its signals raise KeyboardInterrupt."""
+    """Within `stop_on_signals`, once nothing moves any more: its signals raise KeyboardInterrupt."""
     mine = threading.current_thread() is threading.main_thread()
     with _handled([n for n in REASONS if mine and not _kept_ignored(n)], signal.default_int_handler):
         yield
@@ -275,10 +267,8 @@ def interruptible() -> Iterator[None]:
 
 @contextmanager
 def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Iterator[StopRequest]:
-    """SIGINT, SIGTERM, SIGHUP and SIGQUIT ask to stop, and Ctrl-Z where a robot `moves`; SIGINT after another of them
-    forces torque off, and so does Ctrl-C that is pressed again (see `ForcedStopKey`; a held one does not).
-
-    None of them raises. One that the process was started to ignore (`nohup`) stays ignored; see `FOREGROUND`.
+    """SIGINT, SIGTERM, SIGHUP and SIGQUIT request a stop, and so does Ctrl-Z if a robot `moves`. SIGINT after another
+    signal, or a second Ctrl-C (see `ForcedStopKey`), forces torque off. No signal raises. Ignored signals stay so.
     """
     request, key, time = StopRequest(), ForcedStopKey(), clock or MonotonicClock()
     others: set[int] = set()  # signals before, but SIGINT
@@ -287,12 +277,12 @@ def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Itera
     def handle(number: int, frame: FrameType | None) -> None:
         why = reasons[signal.Signals(number)]
         press = key.pressed(1, time.now()) if number == signal.SIGINT else None
-        if press is Press.SECOND or (press is not None and others):
+        if press is KeyPress.SECOND or (press is not None and others):
             request.force(why)
-        elif press is Press.TOO_SOON:
+        elif press is KeyPress.TOO_SOON:
             request.too_soon += 1
         else:
-            request.ask(why)
+            request.request(why)
         others.update({number} - {signal.SIGINT})
 
     with _handled([number for number in reasons if not _kept_ignored(number)], handle):
@@ -301,20 +291,19 @@ def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Itera
 
 DONE = 0
 STOPPED = 1
-"""Stopped by the guard or by the user while something moved, or a file could not be written afterwards."""
+"""Stopped by guard or user while something moved, or a file could not be written afterwards."""
 REFUSED = 2
-"""Refused before anything moved: a bad file, a bad option. Also: what was to be said could not be printed."""
+"""Refused before anything moved: a bad file or option. Also: stdout could not be written."""
 DEFECT = 3
 """An unforeseen error."""
 INTERRUPTED = 130
-"""Ctrl-C, SIGTERM, SIGHUP, SIGQUIT before anything moved: 128 + SIGINT, as shells count; typer leaves with it too."""
+"""A signal before anything moved: 128 + SIGINT, as in shells and typer."""
 
 
 def exit_code_of(command: Callable[[], object]) -> int:
-    """Run `command` and return its exit code; what went wrong is on stderr, a traceback only for our own defects.
+    """Run `command` and return its exit code. Errors go to stderr, with a traceback only for a defect of ours.
 
-    A signal that asks the process to end acts as Ctrl-C. A reader of stdout that leaves early changes nothing; a stdout
-    that cannot be written is reported.
+    A reader of stdout that leaves early changes nothing. Any other error of stdout is reported.
     """
     with careful_stdout() as screen:
         code = _code_of(command)
@@ -340,12 +329,12 @@ def _code_of(command: Callable[[], object]) -> int:
 
 
 CODES = {TorqueError: STOPPED, RetargetError: REFUSED}
-"""The exit code of each kind of error, the first that fits; any other error is a defect."""
+"""The exit code of each kind of error; the first match counts. Any other error is a defect."""
 
 
 def _code_of_error(error: BaseException) -> int:
-    """The exit code; what went wrong is printed."""
-    # An import that Ctrl-C cuts may come back as 'initialization failed'.
+    """Print an error and return its exit code."""
+    # An import that Ctrl-C interrupts may raise 'initialization failed'.
     if not isinstance(error, TorqueError) and any(isinstance(one, KeyboardInterrupt) for one in _causes(error)):
         return INTERRUPTED
     if out_of_memory(error):
@@ -361,18 +350,18 @@ def _code_of_error(error: BaseException) -> int:
 
 
 NO_MEMORY = re.compile("cannot allocate memory|failed to map segment|can't start new thread", re.IGNORECASE)
-"""Messages of loaders of libraries and threads to which the system gave no memory."""
+"""Messages of loaders and threads that got no memory."""
 
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    """An error and all that it comes from."""
+    """An error and its causes."""
     while error is not None:
         yield error
         error = error.__cause__ or error.__context__
 
 
 def out_of_memory(error: BaseException) -> bool:
-    """True if an error comes from memory that the system did not give, also while a library was imported."""
+    """True if an error comes from a lack of memory, also during an import."""
     loaders = (ImportError, OSError, RuntimeError)
     return any(
         isinstance(one, MemoryError) or (isinstance(one, loaders) and NO_MEMORY.search(str(one)))
@@ -381,12 +370,11 @@ def out_of_memory(error: BaseException) -> bool:
 
 
 LEAST_MEMORY = 700_000_000
-"""Address space, bytes, without which no run begins: a short one takes 500 MB, 200 of them for numbers and texts. One
-that ends in the middle of a run would leave the robot to the watchdogs of its servos."""
+"""Least address space, bytes, of a run: a short one takes 500 MB. Too little would end a run in motion."""
 
 
 def memory_message() -> str:
-    """Why a command ends that the system gives too little memory."""
+    """The message for too little memory."""
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     found = "the system gave no more" if limit == resource.RLIM_INFINITY else f"a limit of {limit / 1e6:.0f} MB"
     step = "Close other programs, or give the process more (ulimit -v unlimited)"
@@ -395,7 +383,7 @@ def memory_message() -> str:
 
 
 def refuse_little_memory() -> None:
-    """Raise MemoryError where a limit of the process (`ulimit -v`) leaves less than a run needs."""
+    """Raise MemoryError if `ulimit -v` leaves less than LEAST_MEMORY."""
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
         raise MemoryError

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from hardware.errors import counted
-from retarget.cli.application import Overwrite, note
+from retarget.cli.application import note
 from retarget.cli.exit import echo
 from retarget.errors import UsageError
 from retarget.recording.exports.formats import (
@@ -34,7 +34,7 @@ def export(
     of: str = ROBOT,
     body: Path | None = None,
     task: str = DEFAULT_TASK,
-    overwrite: Overwrite = False,
+    overwrite: bool = False,
 ) -> None:
     """Export a recorded run: joint positions with names and units, in a format that others read.
 
@@ -46,12 +46,11 @@ def export(
 
     Options:
         to FORMAT: {formats}
-        out PATH: Where it goes, usually beside FILE.
+        out PATH: Path of the export, usually beside FILE.
         fps N: Resample to so many rows per second; else as the readers of the format expect, or rows are the ticks.
         phase follow|all: Part of the run: 'all' includes the approach and the braking.
-        of robot|human: Whose motion: the robot's, or that of the human it followed.
-        body FILE: The robot's MJCF or URDF, where FILE names none that is there.
-        task: What is done, in words, for a LeRobot dataset.
+        of robot|human: Motion of the robot, or of the human that it followed.
+        task: Task in words, for a LeRobot dataset.
     """
     form = format_named(to)
     for option, value, allowed in (("--phase", phase, (FOLLOW, ALL)), ("--of", of, (ROBOT, HUMAN))):
@@ -83,7 +82,7 @@ export.__doc__ = str(export.__doc__).replace("{formats}", format_help())
 
 
 def _summary(whole: Motion, motion: Motion, phase: str, fps: float | None) -> str:
-    """How much of the run was written, and what was left out."""
+    """Count the rows that were written, and those that were left out."""
     text = counted(len(motion), "row")
     text += f" at {fps:g} Hz, resampled" if fps is not None else f", one for each {motion.row}"
     text += f", {motion.time[-1] - motion.time[0]:.2f} s"

@@ -1,26 +1,35 @@
-"""`retarget inspect SOURCE`: what is in a motion file or a recorded stream, and whether a run would accept it."""
+"""`retarget inspect` describes the motion file of a performer; `retarget judge` the motion of a robot."""
 
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 from pydantic import TypeAdapter
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from hardware.clock import VirtualClock
 from hardware.errors import RetargetError, counted
-from retarget.cli.application import FileOptions, console, given, refuse_given
+from retarget.cli.application import FileOptions, console, given, note, refuse_given
 from retarget.cli.exit import echo
+from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import calibration_pose
 from retarget.live.address import is_address, parse_address
+from retarget.model.robot import load_robot
+from retarget.recording.exports.reader import read_motion
+from retarget.report.judge import Judgement
+from retarget.report.judge import judge as judged
+from retarget.report.report import plain
 from retarget.run.options import RunOptions
 from retarget.schema.catalogue import HUMAN
+from retarget.schema.files import check_place, write_atomic
 from retarget.setup.motion_summary import MotionSummary, summarise
 
 SHOWN_JUMPS = 8
-"""Jumps that are listed, so that a broken file does not fill the terminal; the others are counted."""
+"""Jumps that are listed; the others are counted."""
 
 
 def inspect(
@@ -56,7 +65,7 @@ def inspect(
 
 
 def _refused(frames: SensorFrames, options: RunOptions) -> RetargetError | None:
-    """Why a run with these options would refuse a recording; None where it would begin."""
+    """The error with which a run would refuse a recording, or None."""
     from retarget.run.prepare import prepare
     from sim.mock_bus import mock_bus
 
@@ -98,12 +107,12 @@ def show(summary: MotionSummary, console: Console) -> None:
         table.add_row(sensor.name, _share(sensor.valid), _share(sensor.oriented), *numbers, str(sensor.jumps or "-"))
     console.print(table)
     _show_jumps(summary, console)
-    for note in summary.notes:
-        console.out(f"note: {note}")
+    for text in summary.notes:
+        console.out(f"note: {text}")
 
 
 def _share(value: float) -> str:
-    """A share as text that is 'all' or 'none' only if it is."""
+    """A share as text. Only exact shares are 'all' and 'none'."""
     if value in (0.0, 1.0):
         return "all" if value else "none"
     return f"{min(max(100.0 * value, 0.1), 99.9):.1f} %"
@@ -124,3 +133,65 @@ def _show_jumps(summary: MotionSummary, console: Console) -> None:
         console.out(f"  frame {frame + 1} ({frame / summary.rate_hz:.2f} s): {', '.join(parts[:4])}{more}")
     if count > SHOWN_JUMPS:
         console.out(f"  ... and {count - SHOWN_JUMPS} more (--json has them all)")
+
+
+# The motion of a robot.
+
+ORDERS = ("xyzw", "wxyz")
+
+
+def judge(
+    file: Path,
+    robot: str,
+    playback: FileOptions,
+    source: str | None = None,
+    scene: str | None = None,
+    fps: float | None = None,
+    quaternion: str | None = None,
+    as_json: Path | None = None,
+) -> None:
+    """Judge the motion of a robot, from any program: limits, penetration, feet, balance, shake, whether it is frozen,
+    and with --source whether it looks like the performer. Layouts and lines: docs/judge.md.
+
+    Arguments:
+        file FILE: NPZ or MCAP of a run; NPZ of mjlab, BeyondMimic, holosoma or a GMR twin; CSV of Unitree, BONES or
+            `export`. No pickle is read.
+
+    Options:
+        source FILE: The performer's motion file, or 'sample', from the same moment on.
+        fps N: Rows per second, of a layout that does not say them.
+        quaternion xyzw|wxyz: Order of quaternions that is not that of the layout.
+        as_json (--json) FILE: All figures and lines, as JSON.
+    """
+    if quaternion not in (None, *ORDERS):
+        found = str(quaternion)[:80]
+        raise UsageError("unknown order", where="--quaternion", found=found, allowed=", ".join(ORDERS))
+    if as_json is not None:
+        check_place(as_json, option="--json")
+    body = load_robot(robot)
+    layout, motion = read_motion(file, body, fps=fps, quaternion=quaternion)
+    frames = None if source is None else playback.open(source)
+    judgement = judged(motion, body, layout=layout, source=frames, scene=scene)
+    _show_judgement(judgement)
+    if as_json is not None:
+        text = json.dumps(plain(judgement), indent=2, allow_nan=False) + "\n"
+        write_atomic(as_json, text.encode(), option="--json")
+        echo(f"json: {as_json}")
+
+
+def _show_judgement(found: Judgement) -> None:
+    """Print the table of a judgement, and its verdict."""
+    beside = "" if found.performer is None else f" beside {found.performer}"
+    of = "the run, as it followed" if found.layout == "run" else "the file, all of it"
+    rows = f"{found.rows} rows at {found.rate_hz:g} Hz"
+    span = f"all lines from {found.from_s:.1f} to {found.from_s + found.duration_s:.1f} s of {of}"
+    echo(f"{found.file} ({found.layout}) on {found.robot}{beside}: {rows}, {span}")
+    table = Table("", "", "", box=None, pad_edge=False, show_header=False)
+    for line in found.lines:
+        word = {True: "kept", False: "LOST", None: ""}[line.kept]
+        broken = f" [allowed: {line.allowed}]" if line.allowed and line.kept is False else ""
+        table.add_row(word, line.name, Text(line.measured + broken))
+    console().print(table)
+    echo(found.verdict)
+    for text in found.notes:
+        note(text)

@@ -1,7 +1,4 @@
-"""The operator of a run of the command line.
-
-`RunOperator.poll` polls all that may stop or hold the robot, each tick. `RunLines` prints what is said.
-"""
+"""The operator of a run of the command line, and the lines that are printed for them."""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +11,7 @@ from hardware.guard import Torque
 from hardware.guard_state import Stop, StopCause
 from retarget.cli.application import console, log
 from retarget.cli.buses import PhysicsBench
-from retarget.cli.controls import Asked, Control, LiveStatus
+from retarget.cli.controls import Control, ControlRequest, LiveStatus
 from retarget.cli.exit import REASONS, SUSPENDED, StopRequest
 from retarget.cli.stick import Stick, velocity_of
 from retarget.robot.walking.pattern import Request
@@ -26,52 +23,51 @@ from retarget.types import News, Notify, RunState
 from retarget.web.feed import ViewFeed
 
 LONGEST_S = 300.0
-"""Longest hold on purpose, s: servos that hold get warm, and the operator may have left."""
+"""Longest hold on purpose, s: servos that hold get warm."""
 ON_THE_PAGE = "stopped on the web page"
-ENDS = {Asked.GRIP: Asked.RELEASE, Asked.PAGE_GO_ON: Asked.PAGE_HOLD}
-"""What ends each of these holds."""
+ENDS = {ControlRequest.GRIP: ControlRequest.RELEASE, ControlRequest.PAGE_GO_ON: ControlRequest.PAGE_HOLD}
+"""The hold that each of these requests ends."""
 STOPS = (RunState.STOPPING.value, RunState.RETURN_TO_STANCE.value, RunState.GO_TO_REST.value)
-"""States of a run that ends."""
+"""States of a run that is ending."""
 
 
 @runtime_checkable
 class Clutched(Protocol):
-    """Whom the operator may hold: a live performer, or what sends joint targets."""
+    """A live performer, or a sender of joint targets, that the operator may hold."""
 
     @property
     def following(self) -> bool:
-        """Whether the robot follows now."""
+        """True if the robot follows now."""
 
     @property
     def hold_reason(self) -> str:
-        """Why the robot holds, in a few words."""
+        """The reason why the robot holds, in a few words."""
 
     def clutch(self, *, engaged: bool) -> None:
         """Follow again from where the robot is, or hold it."""
 
     def reset_heading(self) -> bool:
-        """Take the present direction as straight ahead. Whether there is one."""
+        """Take the present direction as straight ahead. True if there is one."""
 
 
-def walking_words(asked: Request | None) -> str:
-    """The velocity that a stick asks for, in words; "" for none."""
-    if asked is None or asked == Request():
+def walking_words(velocity: Request | None) -> str:
+    """The velocity that a stick requests, in words; "" for none."""
+    if velocity is None or velocity == Request():
         return ""
-    ways = (
-        (asked.forward, "m/s forward", "m/s back"),
-        (asked.left, "m/s to the left", "m/s to the right"),
-        (asked.turn, "rad/s to the left", "rad/s to the right"),
+    axes = (
+        (velocity.forward, "m/s forward", "m/s back"),
+        (velocity.left, "m/s to the left", "m/s to the right"),
+        (velocity.turn, "rad/s to the left", "rad/s to the right"),
     )
-    parts = [f"{abs(value):.2f} {more if value > 0.0 else less}" for value, more, less in ways if value]
+    parts = [f"{abs(value):.2f} {more if value > 0.0 else less}" for value, more, less in axes if value]
     return f"the stick asks for {', '.join(parts)}"
 
 
 class RunOperator(Operator):
-    """Asks for what signals, the page, the controls and the fall of a simulated robot ask for.
+    """Gathers the requests of signals, page and controls, and the fall of a simulated robot.
 
-    stop: signals ask it for a stop, and so does `ask`. page: of the run, if it has one. controls, dead_man: of a live
-    run, and whether one of them grips, without which the robot holds. stick: asks for a velocity, of a robot that
-    walks. Each request is carried out before it is reported.
+    stop: set by signals and by this operator. controls, dead_man: of a live run; with a dead-man control the robot
+    holds until it is gripped. stick: of a robot that walks. A request is carried out before it is reported.
     """
 
     def __init__(
@@ -89,30 +85,30 @@ class RunOperator(Operator):
         self.stop = stop
         self._samples, self._machine, self._clock = prepared.samples, prepared.machine, prepared.clock
         self._bench, self._page, self._controls, self._notify = bench, page, controls, notify
-        self._holds = frozenset[Asked]()
-        self._since: float | None = None  # [s] when the robot began to hold on purpose
+        self._holds = frozenset[ControlRequest]()
+        self._since: float | None = None  # [s] since when it holds on purpose
         legs = None if self._machine is None else self._machine.follower.legs
         self._stick, self._velocity = stick, None if stick is None else Request()
         self._fastest = Request() if legs is None else legs.fastest(prepared.samples.dt)
         if dead_man:
-            self._engage(frozenset({Asked.RELEASE}))
+            self._engage(frozenset({ControlRequest.RELEASE}))
 
     def poll(self, state: RunState | None) -> OperatorInput:
-        """What is asked for now, as `Operator.poll` says."""
+        """The present requests; see `Operator.poll`."""
         now, fault, failures = self._clock.now(), None, list[Failure]()
         with caught(failures, StopCause.SOURCE):
             if self._page is not None and self._page.stop_asked():
-                self.stop.ask(ON_THE_PAGE)
+                self.stop.request(ON_THE_PAGE)
         for control in self._controls:  # one that fails stops the robot, and hides no other
             with caught(failures, StopCause.SOURCE):
-                for asked, reason in control.poll(now):
-                    self._carry_out(asked, reason)
+                for request, reason in control.poll(now):
+                    self._carry_out(request, reason)
         if self._stick is not None:
             self._velocity = Request()
             with caught(failures, StopCause.SOURCE):
                 self._velocity = velocity_of(self._stick.shares(now), self._fastest)
         if self._since is not None and now - self._since > LONGEST_S:
-            self.stop.ask(f"paused by the operator for {LONGEST_S:g} s")
+            self.stop.request(f"paused by the operator for {LONGEST_S:g} s")
         if self._bench is not None and self._machine is not None:
             fault = self._bench.look(self._machine, self._samples)
         if failures and fault is None:
@@ -120,23 +116,23 @@ class RunOperator(Operator):
         return replace(self.requested(), fault=fault)
 
     def requested(self) -> OperatorInput:
-        """What was asked for so far, by signals too."""
+        """The requests so far, also of signals."""
         return OperatorInput(self.stop.why or None, self.stop.torque_off, velocity=self._velocity)
 
     @property
     def engaged(self) -> bool:
-        """Whether the performer is to be followed."""
+        """True if nothing holds the robot on purpose."""
         return not self._holds
 
     def status(self) -> LiveStatus:
-        """The present state of a live run, as the control socket reports it."""
+        """The state of a live run, as the control socket reports it."""
         machine, following = self._machine, self._performer.following
         reason = None if machine is None or machine.guard.stop is None else machine.guard.stop.reason
         state = None if machine is None else machine.supervisor.state.value
         return LiveStatus(state, following, not self.engaged, reason)
 
     def words(self) -> str:
-        """The present state of a live run, in a few words."""
+        """The state of a live run, in a few words."""
         status = self.status()
         if status.state == RunState.STANDING.value:
             return "standing, with torque"
@@ -151,66 +147,66 @@ class RunOperator(Operator):
         return "following" if status.followed else "holding"
 
     def state_and_reason(self) -> tuple[str, str]:
-        """The present state of a live run, in a few words, and why the performer is not followed; where he is, what a
-        stick asks for, or ""."""
+        """The state of a live run, in a few words, and its reason: why the performer is not followed, or the velocity
+        that a stick requests, or ""."""
         words, stop = self.words(), self.status().stop
         held = self._performer.hold_reason or ("" if self._machine is None else self._machine.supervisor.hold_reason)
-        asked = {"holding": held, "following": walking_words(self._velocity)}
-        return words, stop or asked.get(words, "")
+        reasons = {"holding": held, "following": walking_words(self._velocity)}
+        return words, stop or reasons.get(words, "")
 
     @property
     def _performer(self) -> Clutched:
         assert isinstance(self._samples, Clutched), "only a live run has controls"
         return self._samples
 
-    def _carry_out(self, asked: Asked, reason: str) -> None:
-        if asked is Asked.STOP:
-            self.stop.ask(reason)
-        elif asked is Asked.STOP_TOO_SOON:
+    def _carry_out(self, request: ControlRequest, reason: str) -> None:
+        if request is ControlRequest.STOP:
+            self.stop.request(reason)
+        elif request is ControlRequest.STOP_TOO_SOON:
             self.stop.too_soon += 1
-        elif asked is Asked.TORQUE_OFF:
+        elif request is ControlRequest.TORQUE_OFF:
             self.stop.force(reason)
-        elif asked is Asked.HEADING:
+        elif request is ControlRequest.HEADING:
             found = self._performer.reset_heading()
             self._notify("straight ahead is where you face now" if found else "left and right are lost")
-        elif asked is Asked.PAUSE and Asked.HOLD in self._holds:
-            self._engage(self._holds - {Asked.HOLD})
+        elif request is ControlRequest.PAUSE and ControlRequest.HOLD in self._holds:
+            self._engage(self._holds - {ControlRequest.HOLD})
             self._notify("going on" if self.engaged else "no pause any more: it goes on when it is held")
         else:
-            begins, before = Asked.HOLD if asked is Asked.PAUSE else asked, self._holds
-            self._engage(before - {ENDS[asked]} if asked in ENDS else before | {begins})
-            if self._holds != before or asked in (Asked.GRIP, Asked.RELEASE):  # a pedal that is lost says so
+            begins, before = ControlRequest.HOLD if request is ControlRequest.PAUSE else request, self._holds
+            self._engage(before - {ENDS[request]} if request in ENDS else before | {begins})
+            # A pedal that is lost is reported although it changes nothing.
+            if self._holds != before or request in (ControlRequest.GRIP, ControlRequest.RELEASE):
                 self._notify(reason)
 
-    def _engage(self, holds: frozenset[Asked]) -> None:
-        """Follow the performer while there is no reason to hold."""
+    def _engage(self, holds: frozenset[ControlRequest]) -> None:
+        """Hold the robot for these reasons; without any, follow the performer."""
         if holds != self._holds:
             self._holds = holds
             self._performer.clutch(engaged=self.engaged)
             self._since = None if self.engaged else self._clock.now() if self._since is None else self._since
 
 
-# What is printed of a run.
+# The lines of a run.
 
 MOST_LINES, LAST_LINES = 12, 5
-"""Lines of a run, and those at its end: torque, what was played, what was kept back, files, the sentence."""
+"""Lines of a run, and of them those of its summary."""
 MOST_BEFORE = 2
-"""Notes before anything moves."""
+"""Most notes before anything moves."""
 
 
 class RunLines:
-    """The lines of one run, which may last for hours: `MOST_LINES`, but for what must be said.
+    """The lines of one run, which may last for hours: `MOST_LINES`, and more only where the operator must read them.
 
-    What is no `News` is printed: instructions, warnings about servos, answers to the operator, how the robot ends;
-    with limits that were not kept these may be more than 12, and so they are where a performer is refused and tries
-    again, which counts anew. While the robot is `moving`, the first news of a kind is printed where there is room, and
-    later ones are counted; before, notes beyond `MOST_BEFORE` wait for the summary. verbose: all are printed.
+    Messages that are no `News` are always printed. Before the robot is `moving`, news beyond `MOST_BEFORE` waits for
+    the summary. Then the first news of a kind is printed while there is room, and later ones are counted. verbose:
+    everything is printed.
     """
 
     def __init__(self, *, verbose: bool = False, moving: bool = False) -> None:
         self.verbose, self.moving = verbose, moving
         self.kept_back = 0
-        """News that was counted."""
+        """News that was counted and not printed."""
         self.said, self.later = list[str](), list[str]()
         """Messages before anything moved: printed, and not yet."""
         self._count = 0
@@ -218,21 +214,27 @@ class RunLines:
 
     @property
     def room(self) -> int:
-        """Lines that are left before those at the end."""
+        """Lines that are left before the summary."""
         return max(MOST_LINES - LAST_LINES - self._count, 0)
 
     def try_again(self) -> None:
-        """Begin with another attempt of a performer who was refused: its lines are counted anew."""
+        """Count anew for another attempt of a performer who was refused."""
         self._count = 0
 
     def log(self, text: str) -> None:
-        """Print what the operator must read now."""
+        """Print a message that the operator must read now."""
         self._count += 1 + text.count("\n")
         log(text)
 
     def notify(self, text: str) -> None:
-        """Print a message; or, of news, count it or keep it for later."""
-        if not isinstance(text, News) or self._fits(text) or self.verbose:
+        """Print a message. News may be counted or kept for the summary instead."""
+        shown = True
+        if isinstance(text, News):
+            known, before = text.kind in self._kinds, sum(isinstance(one, News) for one in self.said)
+            self._kinds.add(text.kind)
+            room = self.room if self.moving else MOST_BEFORE - before
+            shown = self.verbose or (not known and (text.is_due or room > 0))
+        if shown:
             if not self.moving:
                 self.said.append(text)
             self.log(text)
@@ -241,17 +243,11 @@ class RunLines:
         elif text not in (*self.said, *self.later):
             self.later.append(text)
 
-    def _fits(self, news: News) -> bool:
-        """Whether this is the first of its kind, and has room or is due."""
-        known, before = news.kind in self._kinds, sum(isinstance(text, News) for text in self.said)
-        self._kinds.add(news.kind)
-        return not known and (news.is_due or (self.room if self.moving else MOST_BEFORE - before) > 0)
 
-
-# What is said while a robot stops.
+# Messages while a robot stops.
 
 REMINDER_S = 30.0
-"""Time, s, between two reminders of a robot that stands with torque at the end of its run: its servos get warm."""
+"""Time, s, between reminders that a robot stands with torque after its run: its servos get warm."""
 TORQUE_OFF_COMMAND = "retarget stop --torque-off, where there is a control socket"
 TOO_SOON = "pressed again too soon, as a held key repeats: torque stays on. Wait a second, then press once more"
 HOLD_IT = "hold the robot before torque goes off: at rest it may go down without torque"
@@ -260,24 +256,22 @@ TORQUE_WORDS = {
     Torque.ON: "torque is on: cut the power by hand",
     Torque.UNCONFIRMED: "torque is not confirmed to be off: cut the power by hand",
 }
-"""What is said of the torque of a robot when its run has ended."""
+"""Messages about torque after a run."""
 
 
 class Announcer(RunObserver):
-    """Says while a robot stops what the summary would say too late.
-
-    Once: why it stops and what comes next; that a stop key was pressed too soon to count; that a robot that
-    `may_topple` is to be held. Every `REMINDER_S`: how a robot that stands gets its torque switched off.
+    """Notifies the operator while a robot stops: of the reason and the next step, of a stop key that was pressed too
+    soon, and of a robot that may topple and must be held. Every `REMINDER_S` s it tells how to switch torque off.
     """
 
     def __init__(self, machine: Machine, stop: StopRequest, *, may_topple: bool = False, notify: Notify) -> None:
         self.reason = ""
-        """Why the robot stops, once that was said."""
+        """Reason of the stop, once it was notified."""
         self._machine, self._stop, self._notify = machine, stop, notify
         self._topples, self._ignored, self._reminded = may_topple, False, -inf
 
     def see(self, tick: Tick) -> None:
-        """Say what has come up in a tick of a robot that stops."""
+        """Notify of the news of a tick."""
         assert tick.given is not None, "a robot has inputs"
         machine, stop, forced = self._machine, self._machine.guard.stop, tick.given.operator.torque_off
         state = machine.supervisor.state
@@ -285,44 +279,43 @@ class Announcer(RunObserver):
             return
         if self._stop.too_soon and not (self._ignored or forced):
             self._ignored = True
-            self._say(TOO_SOON)
+            self._notify_safely(TOO_SOON)
         if stop is not None and not self.reason:
             self.reason = stop.reason
             then = machine.end_plan.end.value if machine.guard.may_go_to_rest else "it brakes, and torque goes off"
             next_step = "torque goes off at once" if forced else f"{then} (Ctrl-C {_again(stop)}: torque off at once)"
-            self._say(f"stopping: {stop.reason}: {next_step}")
+            self._notify_safely(f"stopping: {stop.reason}: {next_step}")
         if self._topples:
             self._topples = False
-            self._say(HOLD_IT)
+            self._notify_safely(HOLD_IT)
         if state is RunState.STANDING and machine.waits and tick.given.now - self._reminded >= REMINDER_S:
             self._reminded = tick.given.now
-            self._say(f"torque is on: hold the robot, then press Ctrl-C {_again(stop)} (or: {TORQUE_OFF_COMMAND})")
+            self._notify_safely(
+                f"torque is on: hold the robot, then press Ctrl-C {_again(stop)} (or: {TORQUE_OFF_COMMAND})"
+            )
 
-    def _say(self, text: str) -> None:
-        with caught([], StopCause.SOURCE):  # a terminal that is lost for a moment is spoken to again
+    def _notify_safely(self, text: str) -> None:
+        with caught([], StopCause.SOURCE):  # a terminal that is lost for a moment
             self._notify(text)
 
-    def say_end(self) -> None:
-        """Say of a run that has ended how torque is, where somebody may have to act on it: on real servos, and where it
-        should be off and is not; and the reason of a stop that was not said before."""
+    def notify_end(self) -> None:
+        """Notify of torque after a run where the operator may have to act: on real servos, and where it is not off.
+        Adds the reason of a stop that was not notified before."""
         machine, stop = self._machine, self._machine.guard.stop
         if machine.waits or (machine.guard.torque is not Torque.OFF and machine.supervisor.over):
             torque = TORQUE_WORDS[machine.guard.torque]
-            self._say(torque if stop is None or stop.reason == self.reason else f"{torque}: {stop.reason}")
+            self._notify_safely(torque if stop is None or stop.reason == self.reason else f"{torque}: {stop.reason}")
 
 
 def _again(stop: Stop | None) -> str:
-    """How often Ctrl-C is to be pressed now to switch torque off."""
+    """The number of presses of Ctrl-C that switch torque off, in words."""
     pressed = stop is not None and stop.reason in (*REASONS.values(), *SUSPENDED.values())
     return "once more" if pressed else "twice, a second apart"
 
 
-# The state and duration of a live run on a terminal; nothing in a pipe.
-
-
 @contextmanager
 def live_state(what: str, words: Callable[[], str]) -> Iterator[None]:
-    """Show a line on stderr. words: the present state, read by a thread of its own some times a second."""
+    """Show state and duration of a live run on a terminal. words: the state, read by another thread."""
     if not sys.stderr.isatty():
         yield
         return
@@ -330,7 +323,7 @@ def live_state(what: str, words: Callable[[], str]) -> Iterator[None]:
     from rich.text import Text
 
     class Words(ProgressColumn):
-        """The present state, whenever the line is drawn."""
+        """The state when the line is drawn."""
 
         def render(self, task: Task) -> Text:
             return Text(words())

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from retarget.cli.application import Overwrite, log, note, progress_bar
+from retarget.cli.application import log, note, progress_bar
 from retarget.cli.exit import DONE, STOPPED, echo
 from retarget.errors import UsageError
 from retarget.run.options import PhysicsOptions, RunOptions
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 SPEEDS = (0.05, 1.0)
-"""Shares of the recorded speed at which goals are sent."""
+"""Range of `--speed`, a share of the recorded speed."""
 
 
 def replay(
@@ -32,7 +32,7 @@ def replay(
     robot: str | None = None,
     report: Path | None = None,
     save: Path | None = None,
-    overwrite: Overwrite = False,
+    overwrite: bool = False,
 ) -> None:
     """Run a recording again: its sensor, servo and clock data through this version, and say which goals differ.
 
@@ -41,12 +41,12 @@ def replay(
     recording is not whole, or the guard stopped; 2: a file that is no such recording.
 
     Arguments:
-        file FILE.mcap: What `retarget run --record` wrote.
+        file FILE.mcap: A recording of `retarget run --record`.
 
     Options:
         goals: Send the goals that were sent then, as they are, to --bus.
-        bus mock|emulator|physics|physics+wire|none|profile|PORT: Where --goals go, as of `run`.
-        speed X: Of --goals; 1 is as fast as they were recorded.
+        bus mock|emulator|physics|physics+wire|none|profile|PORT: Bus of --goals, as of `run`.
+        speed X: Speed of --goals; 1 is as fast as they were recorded.
         robot NAME|PATH: Use this robot as it is now, instead of that of then.
         report FILE.json|DIR: Write the numbers of the run as it is now.
         save FILE.npz: Write every tick of it, for other tools.
@@ -61,7 +61,7 @@ def replay(
         raise UsageError("only goals are sent slower", where="--speed", next_step="Leave it out, or add --goals")
     if goals and (report or save):
         raise UsageError("goals alone have no report", where="--report, --save", next_step="Leave them out")
-    outputs = Outputs.checked(report=report, save=save, overwrite=overwrite)
+    outputs = Outputs(report=report, save=save, overwrite=overwrite).checked()
     found = read_recording(file)
     cycles = found.cycles
     if found.damage:
@@ -109,7 +109,7 @@ def _again(found: "Recording", outputs: "Outputs", robot: str | None) -> int:
 
 
 def _with_its_body(run: "RunResult", configs: "Configs", save: Path) -> "RunResult":
-    """The run, with a body file beside the one that is saved where the recording alone has it."""
+    """The run, with its body written beside the saved file if only the recording has it."""
     from retarget.schema.files import write_atomic
 
     if run.robot is None or not configs.body_attached:

@@ -6,7 +6,6 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 import typer
 from rich.table import Table
@@ -17,7 +16,7 @@ from hardware.guard_state import StopCause
 from hardware.realtime import Scheduling, refuse_scheduling, scheduled
 from retarget.cli.application import (
     FileOptions,
-    Overwrite,
+    Session,
     console,
     given,
     log,
@@ -54,7 +53,6 @@ from retarget.cli.exit import (
     stop_on_signals,
 )
 from retarget.cli.operator import Announcer, RunLines, RunOperator, live_state
-from retarget.cli.session import Session
 from retarget.cli.stick import GAMEPAD_HELP, KEYS_HELP, Gamepad, KeyStick
 from retarget.cli.stop import socket_path
 from retarget.cli.view import opened_page, viewing
@@ -77,13 +75,14 @@ from retarget.report.report import Report
 from retarget.report.unfollowed import UnfollowedNotice
 from retarget.robot.walking.gait import PLANTED
 from retarget.run.loop import Progress, RowObserver, RunObserver
-from retarget.run.options import RunOptions
+from retarget.run.options import SIMULATED, RunOptions
 from retarget.run.prepare import Perform, Prepared, performance_of, prepare_for, stage_priorities
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import Supervisor
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.files import remove
 from retarget.schema.performer import Performer
+from retarget.sources.open import open_source
 from retarget.sources.streams.raw_record import RawWriter
 from retarget.types import Notify, RunState
 from retarget.web.feed import ViewFeed
@@ -92,15 +91,15 @@ from retarget.web.link import PoseReceiver
 ANY_TIME = Scheduling()
 """Ticks as the system schedules them."""
 
-# What all runs have: `run` from a file or a stream, and `demo`.
+# Parts of all runs: `run` from a file or a stream, `demo`, `replay --goals` and `servo stiffness`.
 
 
 class CommandRun:
-    """Options, clock, bus and recorder of one run. A run of a recorded performer (`recorded`) on simulated servos is
-    played as fast as it goes; a viewer shows it in real time."""
+    """Options, clock, bus and recorder of one run. A run of a `recorded` performer on simulated servos is on virtual
+    time, or in real time where a page shows it."""
 
     def __init__(self, options: RunOptions, outputs: Outputs, *, recorded: bool) -> None:
-        """Raises UsageError where no recording can be."""
+        """Raises UsageError for a place where nothing can be recorded."""
         self.options, self.outputs = options, outputs
         self.clock: Clock = MonotonicClock()
         if recorded and options.simulated:
@@ -119,12 +118,12 @@ class CommandRun:
         self.feed: ViewFeed | None = None
         self.receiver: PoseReceiver | None = None
         self.control: PageControl | None = None
-        """Poses and control of the page of `web://`, and the latter of a page with a stick; else None."""
+        """Poses of the page of `web://`, and the control of this page or of one with a stick; else None."""
 
     def prepared(
         self, perform: Perform, supervisor: Supervisor | None = None, *, robot: RobotBody | None = None
     ) -> AbstractContextManager[Prepared]:
-        """The run that can start, with its bus open. robot: as of `prepare_for`."""
+        """The run that can start, with its bus open. robot: see `prepare_for`."""
         return prepare_for(
             perform,
             self.options,
@@ -138,19 +137,19 @@ class CommandRun:
 
     @contextmanager
     def page(self, *, stick: bool = False) -> Iterator[None]:
-        """Show the page of the run, if it has one, from now on. stick: it has pads by which the robot walks."""
+        """Show the page of the run, if it has one. stick: with pads by which the robot walks."""
         with opened_page(self.outputs.view, self.options, self.notify, stick=stick) as self.feed:
             yield
 
     def enter(self, supervisor: Supervisor, state: RunState) -> None:
-        """Go on to a state in which nothing moves yet, and show it on the page."""
+        """Enter a state in which nothing moves yet, and show it on the page."""
         supervisor.enter(state, self.clock)
         if self.feed is not None:
             self.feed.announce(state.value)
 
     @contextmanager
     def live_page(self, address: StreamAddress, live: "StreamOptions") -> Iterator[None]:
-        """Show the page of a live run. That of `web://` also shows what is notified."""
+        """Show the page of a live run. The page of `web://` shows its messages, too."""
         if address.kind != "web":
             with self.page(stick=live.oversight.stick == PAGE):
                 if self.feed is not None and live.oversight.stick == PAGE:
@@ -165,14 +164,14 @@ class CommandRun:
             stick=live.oversight.stick == PAGE,
             notify=self.notify,
         ) as (self.feed, self.receiver):
-            said, show = self.notify, self.feed.note
+            log, show = self.notify, self.feed.note
 
             def notify(text: str) -> None:
-                said(text)
+                log(text)
                 show(text)
 
             self.notify = notify
-            self.control = PageControl(self.feed, said)
+            self.control = PageControl(self.feed, log)
             yield
 
     def operator(self, prepared: Prepared, stop: StopRequest) -> RunOperator:
@@ -182,30 +181,30 @@ class CommandRun:
     def viewing(
         self, prepared: Prepared, words: Callable[[], tuple[str, str]] | None = None
     ) -> AbstractContextManager[RunObserver]:
-        """Show robot and performer on the page of the run, if it has one. words: the present state, and its reason."""
+        """Show robot and performer on the page of the run, if it has one. words: the state and its reason."""
         return viewing(self.feed, prepared, self.options, words, truth=self.bench.truth, notify=self.notify)
 
     def play(self, recorded: Prepared, operator: RunOperator, *observers: RunObserver) -> RunResult:
-        """Let the robot follow. Raises KeyboardInterrupt where a stop was asked for since the robot was made ready."""
+        """Let the robot follow. Raises KeyboardInterrupt for a stop that was requested before."""
         machine, samples = recorded.machine, recorded.samples
         self.lines.moving = True
-        looks = [self.recorder.observer, *observers]
+        observing = [self.recorder.observer, *observers]
         if isinstance(samples, LivePerformer):
             latency = samples.latency
-            looks.insert(0, RowObserver(lambda record, row: latency.note(self.clock.now())))
+            observing.insert(0, RowObserver(lambda record, row: latency.note(self.clock.now())))
         if machine is None:
-            result = recorded.run(operator, looks)
+            result = recorded.run(operator, observing)
         else:
             if operator.poll(machine.supervisor.state).stop is not None:  # torque is not on yet
                 raise KeyboardInterrupt
-            # An operator watches; a run in virtual time has its report at once.
+            # A run on virtual time has its report at once, so nobody needs the notice.
             if machine.robot.stands and recorded.parts == "whole" and type(self.clock) is not VirtualClock:
                 size, dt = recorded.human.dimensions, samples.motion_dt
-                looks.append(RowObserver(UnfollowedNotice(size, dt=dt, notify=self.notify)))
+                observing.append(RowObserver(UnfollowedNotice(size, dt=dt, notify=self.notify)))
             announcer = Announcer(machine, operator.stop, may_topple=self.bench.may_topple, notify=self.lines.log)
-            result = recorded.run(operator, [*looks, announcer])
+            result = recorded.run(operator, [*observing, announcer])
             if recorded.has_bus:
-                announcer.say_end()
+                announcer.notify_end()
         return result
 
 
@@ -217,10 +216,10 @@ def follow_clip(
     source: str = "",
     scheduling: Scheduling = ANY_TIME,
 ) -> int:
-    """Run, write the files, show a summary. Returns the exit code: done, or stopped (also: a file is not written).
+    """Run, write the files, show a summary. Returns the exit code.
 
-    read: opens the source, which a recording calls `source`. scheduling: of the ticks. Raises RetargetError for what
-    cannot be run; then nothing has moved and nothing is written.
+    read: opens the source, whose name in a recording is `source`. scheduling: of the ticks. Raises RetargetError before
+    anything moves or is written.
     """
     refuse_little_memory()
     refuse_scheduling(scheduling)
@@ -236,14 +235,13 @@ def follow_clip(
                 scheduled(scheduling),
             ):
                 result = run.play(recorded, run.operator(prepared, stop), page, Progress(show))
-        # Signals are still received and not raised, so that the files are written.
+        # Signals still do not raise, so that the files are written.
         return run.recorder.code(finished(run.bench.seen(result), outputs, run.lines))
 
 
 def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None) -> int:
-    """Write the files of a run, show its summary without what its lines said, return the exit code. A run that was
-    asked to stop, with no file that needs all metrics, is only measured in part, so that the command ends soon. So does
-    one that finds too little memory for it."""
+    """Write the files of a run, show its summary, and return the exit code. A run that the operator stopped is measured
+    in part if no file needs more, so that the command ends soon."""
     soon = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
     try:
         report = measure_latest(run) if soon else measure(run)
@@ -254,7 +252,7 @@ def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None) ->
     except MemoryError:
         echo(f"error: the run is over, its results are not written: {memory_message()}", err=True)
         return STOPPED
-    # Last of all, because a terminal may be gone or full.
+    # Printed last, because a terminal may be gone or full.
     if written.files:
         echo(f"written: {written.listed(every=outputs.verbose)}")
     for problem in written.problems:
@@ -267,7 +265,7 @@ def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None) ->
 
 @contextmanager
 def _watched(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show on a terminal how much of a file is made; any signal that ends a command ends it."""
+    """Show the progress of a file on a terminal. Any signal that ends a command interrupts it."""
     with interruptible(), progress_bar(what, total) as show:
         yield show
 
@@ -276,8 +274,7 @@ NEXT_STEP = "--report DIR makes a page of it, --verbose prints every figure"
 
 
 def show_summary(run: RunResult, report: Report, lines: RunLines) -> None:
-    """Print what was played and what matters of it, in the room that is left, without notes that were printed before;
-    verbose: every figure."""
+    """Print the summary in the room that is left, without notes that were printed before. verbose: every figure."""
     known = dict.fromkeys((*lines.later, *(f"note: {note}" for note in report.notes)))
     notes = [text.removeprefix("note: ") for text in known if text not in lines.said]
     echo(heading(run, report))
@@ -297,7 +294,7 @@ def show_summary(run: RunResult, report: Report, lines: RunLines) -> None:
 
 
 def _tracking_table(report: Report) -> Table:
-    """Errors of everything that was followed, mm: as it was sent and, where there are servos, as they were."""
+    """Tracking errors, mm, of goals and of the servos that have measured theirs."""
     table, servos = Table(box=None, pad_edge=False), report.servo_tracking_mm
     table.add_column("tracking, mm" if servos is None else "tracking, mm: sent")
     for column in ("mean", "p95", "max", *(() if servos is None else ("servos: mean", "p95", "max"))):
@@ -311,16 +308,16 @@ def _tracking_table(report: Report) -> Table:
     return table
 
 
-# A live run: open the stream, calibrate, follow until it is stopped; on virtual time where nothing is real.
+# A live run: open the stream, calibrate, follow until it is stopped.
 
 COUNTDOWN_S = 3.0
-"""Time to get into the pose, where the source is no recording."""
+"""Time, s, to get into the pose, for a source that is no recording."""
 WITHOUT_EFFECT = ("countdown", "yes", "smoothing", "latest")
-"""Options of a live source that change nothing of a motion file, and are not refused for it."""
+"""Options of a live source that a motion file ignores."""
 
 
 SCHEDULING = ("realtime", "core")
-"""Options of the operator of a live stream that any run has."""
+"""Options of `Oversight` that any run has."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -355,8 +352,8 @@ class StreamOptions:
     oversight: Oversight = field(default_factory=Oversight)
 
     def begins(self, source: str, playback: Playback, stature: float | None) -> LiveOptions:
-        """How the run begins. stature: m, of the performer, if known. Raises UsageError for what a live performer does
-        not have, and for a person to be measured anew without a name."""
+        """The options of the beginning, with the usual values of this source. stature: m, of the performer, or None.
+        Raises UsageError for options that a live performer does not have, or that exclude each other."""
         if playback.speed != 1.0 or playback.loop:
             raise UsageError(
                 "a live performer moves in real time",
@@ -387,7 +384,7 @@ class StreamOptions:
         )
 
     def refuse_pages(self, source: str, view: int | None) -> None:
-        """Raise UsageError for what only the page of `web://` has, and for a second page beside it."""
+        """Raise UsageError for options of the page of `web://` without it, and for a second page beside it."""
         if source.startswith("web:"):
             if view is not None:
                 raise UsageError("web:// has a page of its own", where="--view", next_step="Leave it out")
@@ -410,10 +407,9 @@ class StreamOptions:
 def follow_live(
     source: str, options: RunOptions, outputs: Outputs, live: StreamOptions, *, stature: float | None = None
 ) -> int:
-    """Run, write the files, show a summary. stature: m, of the performer, if known. Returns the exit code.
+    """Run, write the files, show a summary. stature: m, of the performer, or None. Returns the exit code.
 
-    Raises RetargetError for what cannot be run; then nothing has moved and nothing is written. KeyboardInterrupt:
-    stopped before anything moved.
+    Raises RetargetError before anything moves or is written. KeyboardInterrupt: stopped before anything moved.
     """
     refuse_little_memory()
     begins = live.begins(source, options.playback, stature)
@@ -446,7 +442,7 @@ def follow_live(
                 performer.catch_up()
                 with live_state(options.robot, operator.words), scheduled(live.oversight.scheduling):
                     result = run.play(recorded, operator, page)
-        controls.close()  # a stop that comes while the report is written finds no run
+        controls.close()  # no run listens while the report is written
         times = {} if run.control is None else run.control.times()
         stream_report = performer.report(address=address.text, person=begins.person, times=times)
         result = replace(run.bench.seen(result), live=stream_report)
@@ -454,7 +450,7 @@ def follow_live(
 
 
 AGAIN_S = 5.0
-"""Time, s, for which the page shows why a performer was not followed, before it begins again."""
+"""Time, s, for which the page shows why a performer was refused."""
 
 
 def _begun(
@@ -465,8 +461,8 @@ def _begun(
     stack: ExitStack,
     robot: ExitStack,
 ) -> Prepared:
-    """The run that can start; `robot` closes its bus. A performer who is refused on the page tries again there, with
-    the same address, where no servo can have torque. Raises RetargetError; KeyboardInterrupt: STOP on the page."""
+    """The run that can start. `robot` closes its bus. On simulated servos a performer who is refused on the page tries
+    again there. Raises RetargetError. KeyboardInterrupt: STOP on the page."""
     while True:
         began, supervisor = run.clock.now(), Supervisor()
         try:
@@ -474,8 +470,8 @@ def _begun(
                 run.prepared(_performing(address, begins, run, tap, supervisor, stack), supervisor)
             )
         except InputError as error:
-            came = run.clock.now() - began < begins.patience  # else the page was not even opened
-            if run.control is None or run.receiver is None or not run.options.simulated or not came:
+            opened = run.clock.now() - began < begins.patience  # the page was opened in time
+            if run.control is None or run.receiver is None or not run.options.simulated or not opened:
                 raise
             run.notify(f"{error} It begins again in {AGAIN_S:g} s.")
             run.lines.try_again()
@@ -493,7 +489,7 @@ def _performing(
     supervisor: Supervisor,
     stack: ExitStack,
 ) -> Perform:
-    """The live performance, once its stream is open, until `stack` closes."""
+    """Opens the stream until `stack` closes, and begins the live performance."""
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
         stream = open_stream(
@@ -523,9 +519,8 @@ def _performing(
 
 
 def _followed(run: RunResult, notify: Notify) -> int:
-    """The exit code of a run by whether the performer was followed at all. The first sample is none yet: it is where
-    the approach ends."""
-    if run.ticks_followed > 1:
+    """The exit code of a run: STOPPED if the performer was never followed."""
+    if run.ticks_followed > 1:  # the approach ends at the first sample
         return DONE
     if run.reason is None:
         notify("no tick followed the performer: the stream was over before following began")
@@ -547,8 +542,8 @@ def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, ove
 def _opened(
     oversight: Oversight, stack: ExitStack, notify: Notify, *, status: Callable[[], LiveStatus]
 ) -> tuple[list[Control], HeldKey | Pedal | None, KeyStick | Gamepad | None]:
-    """The controls besides the keyboard, open until `stack` closes; the dead-man control, which may be a key, and the
-    stick, which may be keys."""
+    """Open the controls except the keyboard until `stack` closes. Returns them, the dead-man control, and the stick;
+    the last two may be keys."""
     opened: list[Control] = []
     if oversight.control_socket is not None:
         goes_on = GOES_ON if has_terminal() else NEVER_GOES_ON
@@ -580,7 +575,7 @@ def _opened(
 def _keyboard(
     dead_man: HeldKey | Pedal | None, stick: KeyStick | Gamepad | None, stack: ExitStack, notify: Notify
 ) -> Keyboard:
-    """The keyboard, open until `stack` closes; says which keys do what."""
+    """Open the keyboard until `stack` closes, and explain its keys."""
     walks = stick if isinstance(stick, KeyStick) else None
     keyboard = Keyboard(dead_man=dead_man if isinstance(dead_man, HeldKey) else None, stick=walks)
     stack.callback(keyboard.close)
@@ -592,8 +587,7 @@ def _keyboard(
 
 
 def _wait_until_engaged(operator: RunOperator, performer: LivePerformer, clock: Clock) -> None:
-    """Wait, without torque, until the operator holds what must be held. Raises KeyboardInterrupt if a stop was asked
-    for, also before this call."""
+    """Wait without torque until the operator holds the dead-man control. Raises KeyboardInterrupt for a stop."""
     while True:
         if operator.poll(None).stop is not None:
             raise KeyboardInterrupt
@@ -605,8 +599,10 @@ def _wait_until_engaged(operator: RunOperator, performer: LivePerformer, clock: 
 
 # The command.
 
-USUAL_OPTIONS = ("--robot", "--source", "--bus", "--speed", "--report", "--plots", "--animate", "--view", "--verbose")
-"""Options that `--help` lists, with which it fits a screen of 80 by 24; `--help-all` lists all."""
+USUAL_OPTIONS = {
+    "run": ("--robot", "--source", "--bus", "--speed", "--report", "--plots", "--animate", "--view", "--verbose")
+}
+"""Options that `--help` of a command lists, so that it fits a screen of 80 by 24. `--help-all` lists all."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -617,15 +613,6 @@ class RunRequest:
         source FILE|ADDRESS: Motion file (AMC BVH C3D GLB VRMA MVNX NPZ TRC), 'sample', or a live stream: vmc://:39539,
             mvn://:9763, natnet://HOST, json://:14150, web://, replay://FILE.
         no_gate: Send goals unchecked; on simulated servos only.
-
-    Results:
-        report FILE.json|DIR: Write the numbers; into a folder, with a page.
-        best_likeness: Add the best likeness that the joints allow.
-        save FILE.npz: Write every tick, for other tools.
-        plots DIR: Write pictures.
-        animate FILE.webp: Write performer and robot moving (or .gif, .mp4).
-        record FILE.mcap: Keep the run as it goes, for `retarget replay`.
-        verbose: Print every figure, not the sentence alone.
     """
 
     options: RunOptions
@@ -633,53 +620,29 @@ class RunRequest:
     file: FileOptions
     live: StreamOptions
     no_gate: bool = False
-    report: Path | None = None
-    best_likeness: bool = False
-    save: Path | None = None
-    plots: Path | None = None
-    animate: Path | None = None
-    view: Annotated[
-        int | None,
-        typer.Option(
-            help="Show it on a web page of this machine.",
-            metavar="[PORT]",
-            min=0,
-            max=65535,
-            rich_help_panel="Results",
-        ),
-    ] = None
-    record: Path | None = None
-    verbose: bool = False
-    overwrite: Overwrite = False
+    outputs: Outputs
 
     def checked(self) -> tuple[RunOptions, Outputs]:
-        """The options of the run, and its files. Raises UsageError for what does not go together."""
+        """The options of the run, and its files. Raises UsageError for options that exclude each other."""
         usual = "web" if self.source.startswith("web:") else self.options.performer_name
         options = replace(self.options, gate=not self.no_gate, performer=self.options.performer or usual)
-        outputs = Outputs.checked(
-            report=self.report,
-            save=self.save,
-            plots=self.plots,
-            animate=self.animate,
-            record=self.record,
-            overwrite=self.overwrite,
-        )
+        outputs = self.outputs.checked()
         if is_address(self.source):
             played = options.playback
             start = [] if played.start is None else ["--start"]
             pose = ["--keep-calibration-frame"] if played.keep_calibration_frame else []
             refuse_given([*given(self.file, but=("stature",)), *start, *pose], "motion file")
-            self.live.refuse_pages(self.source, self.view)
+            self.live.refuse_pages(self.source, outputs.view)
             if self.live.oversight.stick is not None:
                 _refuse_planted(options)
         else:
             streams = [*given(self.live, but=WITHOUT_EFFECT), *given(self.live.oversight, but=SCHEDULING)]
             refuse_given(streams, "live stream")
-        return options, replace(outputs, view=self.view, best_likeness=self.best_likeness, verbose=self.verbose)
+        return options, outputs
 
 
 def _refuse_planted(options: RunOptions) -> None:
-    """Raise UsageError for a stick of a robot that does not walk, before anybody stands still to be measured."""
+    """Raise UsageError for a stick of a robot that does not walk."""
     robot = None if options.is_human else load_robot(options.robot, root=options.root)
     _, priorities, notes = stage_priorities(robot, options)
     if priorities is not None and priorities.steps == "walk":
@@ -711,9 +674,9 @@ def run(request: RunRequest, session: Session = None) -> None:
 
 
 def check_request(request: RunRequest, session: Session = None) -> None:
-    """Refuse what `run` would refuse before anything moves, but for ports and sockets: none is opened, and no sender is
-    listened to; in place of a live performer the sample performs. Results of a run before may be there."""
-    options, outputs = replace(request, overwrite=True).checked()
+    """Refuse what `run` would refuse before anything moves, without opening ports and sockets. The sample stands in for
+    a live performer. Results of an earlier run may be there."""
+    options, outputs = replace(request, outputs=replace(request.outputs, overwrite=True)).checked()
     refuse_scheduling(request.live.oversight.scheduling)
     command = CommandRun(options, outputs, recorded=True)
     perform = performance_of(partial(request.file.open, request.source), options.playback)
@@ -724,3 +687,47 @@ def check_request(request: RunRequest, session: Session = None) -> None:
     make = command.bench.make_bus if options.simulated else partial(make_bus, "none")
     with prepare_for(perform, options, clock=VirtualClock(), make_bus=make):
         pass
+
+
+DEMO_FOLDER, DEMO_ROBOT = Path("out/demo"), "op3"
+
+
+def demo_folder(robot: str) -> Path:
+    """The folder of the demo of a robot, by name or path: out/demo, or out/demo-NAME where it is not the usual one."""
+    path = Path(robot).resolve()
+    name = path.parent.name if path.suffix == ".yaml" else path.name
+    return DEMO_FOLDER if robot == DEMO_ROBOT else DEMO_FOLDER.with_name(f"{DEMO_FOLDER.name}-{name}")
+
+
+def demo(
+    folder: Path | None = None,
+    out: Path | None = None,
+    robot: str = DEMO_ROBOT,
+    bus: str = "emulator",
+    overwrite: bool = False,
+) -> None:
+    """See it work: a recorded performer waves, reaches and squats, and a robot follows on an emulated bus.
+
+    Writes a report, its page, every tick and pictures into a folder; needs no data and no hardware.
+
+    Arguments:
+        folder: Folder of the files; usually out/demo, of another robot out/demo-NAME, where they are replaced.
+
+    Options:
+        out DIR: The same.
+        bus mock|emulator|physics|physics+wire|none: Bus of the goals, as of `run`.
+    """
+    options = RunOptions(robot=robot, bus=bus)
+    if not options.simulated:
+        raise UsageError(
+            "a demo moves no real servos",
+            where="--bus",
+            found=bus,
+            allowed=", ".join(SIMULATED),
+            next_step="See `retarget run`",
+        )
+    folder, own = folder if out is None else out, demo_folder(robot)
+    outputs = Outputs.in_folder(folder or own)
+    if not overwrite and folder not in (None, own):
+        outputs.refuse_existing("folder")
+    raise typer.Exit(follow_clip(partial(open_source, "sample"), options, outputs))

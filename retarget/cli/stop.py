@@ -1,32 +1,31 @@
 """`retarget stop`: stop a live run through its `--control-socket`.
 
-The word is sent before anything of weight is imported: this module and what leads to it need `os` and `socket` alone.
+It sends its word with `os` and `socket` alone, before anything else is imported.
 """
 
 import os
 import socket
 
-TYPE_CHECKING = False  # that of `typing`, which takes as long to import as the stop to be sent
+TYPE_CHECKING = False  # `typing` takes as long to import as a stop to be sent
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
 WHERE = "--control-socket"
 MAX_PATH = 107
-"""Bytes of a path that a socket can have (unix(7))."""
+"""Most bytes of the path of a socket (unix(7))."""
 USUAL = "usual"
-"""What `--control-socket` means without a path."""
+"""Value of `--control-socket` without a path."""
 MAX_LINE = 64
-"""Bytes of a line of the control socket; a client that sends a longer line is disconnected."""
+"""Most bytes of a line. A client that sends a longer one is disconnected."""
 CONNECT_S = 1.0
-"""Most time, s, to connect to a control socket of this machine: one that takes longer serves no run."""
+"""Longest time, s, to connect to a control socket."""
 PATIENCE_S = 2.0
-"""Most time, s, to wait for the answer of a run, which reads its socket in every tick."""
+"""Longest wait, s, for the answer of a run, which reads its socket in every tick."""
 
 
 def usual_path(text: str | None) -> str:
-    """The path that is given; for None or "usual", `retarget.sock` in the folder of this user's session; "" where there
-    is no such folder."""
+    """The given path. None or "usual": `retarget.sock` in the folder of this user's session, "" without one."""
     if text is not None and text != USUAL:
         return text
     folder = os.environ.get("XDG_RUNTIME_DIR", "")
@@ -34,8 +33,7 @@ def usual_path(text: str | None) -> str:
 
 
 def socket_path(text: str | None) -> "Path":
-    """The path of a control socket, as `usual_path` finds it. Raises UsageError where there is none, or it is too
-    long."""
+    """The path of a control socket, by `usual_path`. Raises UsageError without one, and for one that is too long."""
     from pathlib import Path
 
     from retarget.errors import UsageError
@@ -56,7 +54,7 @@ def socket_path(text: str | None) -> "Path":
 
 
 def connect_to(path: "str | os.PathLike[str]") -> socket.socket:
-    """Connect to a socket; blocks for CONNECT_S at most. Raises OSError."""
+    """Connect to a socket, within CONNECT_S. Raises OSError."""
     client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         client.settimeout(CONNECT_S)
@@ -68,8 +66,8 @@ def connect_to(path: "str | os.PathLike[str]") -> socket.socket:
 
 
 def sent(words: "Sequence[str]") -> socket.socket | None:
-    """Send the stop that the words behind `stop` ask for. Returns the connection; None where nothing was sent, because
-    no run listens, or because the words are no single path with or without `--torque-off`."""
+    """Send the stop of the words behind `stop`. Returns the connection; None if nothing was sent, because no run
+    listens, or because the words are not one path, with or without `--torque-off`."""
     paths = [word for word in words if word != "--torque-off"]
     if len(paths) > 1 or any(path.startswith("-") for path in paths):
         return None
@@ -90,7 +88,7 @@ def _sent(path: "str | os.PathLike[str]", *, torque_off: bool) -> socket.socket:
 
 
 def confirm(client: socket.socket) -> None:
-    """Wait for the answer of the run, print it, and leave with the exit code: 0 confirmed, 1 not."""
+    """Print the answer of the run, and exit: 0 confirmed, 1 not."""
     from contextlib import suppress
 
     from retarget.cli.exit import DONE, STOPPED, echo
@@ -115,7 +113,7 @@ def stop(path: str | None = None, torque_off: bool = False) -> None:
     Exit code 0: the run confirmed it; 1: it did not; 2: no run listens there.
 
     Arguments:
-        path: Of the run's socket, as given to `--control-socket`; without it the usual one.
+        path: Path of the run's socket, as given to `--control-socket`; without it the usual one.
 
     Options:
         torque_off: Torque off at once, without braking: it may fall.

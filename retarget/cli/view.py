@@ -4,9 +4,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event
-from typing import Annotated
-
-import typer
 
 from retarget.cli.application import note
 from retarget.cli.exit import echo, stop_on_signals
@@ -24,9 +21,7 @@ from retarget.web.feed import STATE_WORDS, PageSetup, Settings, ViewFeed, needin
 
 def view(
     file: Path,
-    port: Annotated[
-        int, typer.Option(help="Of the page, on this machine; 0: any.", metavar="PORT", min=0, max=65535)
-    ] = VIEW_PORT,
+    port: int = VIEW_PORT,
     body: Path | None = None,
 ) -> None:
     """Show a recorded run on a web page: performer, robot, goals and joints, at any speed. Ctrl-C ends it.
@@ -37,7 +32,7 @@ def view(
         file FILE|DIR: A run that was saved or recorded: FILE.npz, FILE.mcap, or a folder with run.npz.
 
     Options:
-        body FILE: The robot's MJCF or URDF, where FILE names none that is there.
+        port PORT 0..65535: Port of the page, on this machine; 0: any.
     """
     with needing_websockets():
         from retarget.web.recorded import open_recorded, page_files
@@ -57,16 +52,15 @@ def view(
         serve_files(files, port, opened=opened, over=lambda: bool(stop()))
 
 
-# `--view`: a run on a web page while it goes on.
+# `--view`: the page of a run.
 
 
 @contextmanager
 def opened_page(
     port: int | None, options: RunOptions, notify: Notify, *, stick: bool = False
 ) -> Iterator[ViewFeed | None]:
-    """The page of a run on a port of this machine, before anything is known of the performer; None: there is none.
-    notify: receives its address. stick: the robot walks as its pads ask. Raises RefusedError for a page that does not
-    open."""
+    """Open the page of a run on a port of this machine; None: there is none. notify: receives its address. stick: with
+    pads by which the robot walks. Raises RefusedError."""
     if port is None:
         yield None
         return
@@ -86,9 +80,8 @@ def viewing(
     truth: Callable[[], FloatArray | None] = lambda: None,
     notify: Notify,
 ) -> Iterator[RunObserver]:
-    """Put robot and performer on the page of a run, and yield what shows each tick there; None: there is no page.
-    words: the present state and its reason, where the phase of its tick does not say enough. truth: the state of a
-    simulated body. Raises RefusedError for what cannot be shown."""
+    """Put robot and performer on the page of a run, if it has one, and yield the observer that shows each tick there.
+    words: state and reason of a live run. truth: the state of a simulated body. Raises RefusedError."""
     if feed is None:
         yield RunObserver()
         return
@@ -119,7 +112,7 @@ def _extras(
     words: Callable[[], tuple[str, str]] | None,
     truth: Callable[[], FloatArray | None],
 ) -> Extras:
-    """What the page shows in addition to the rows of the record. over: whether the run has ended."""
+    """Data of the page beside the rows of the record. over: set once the run has ended."""
     machine, scene_obstacles = prepared.machine, prepared.scene_obstacles
 
     def obstacles() -> FloatArray | None:

@@ -1,4 +1,4 @@
-"""Actions of LeRobot, `{"<joint>.pos": rad}`, as targets of a run: validated, time-stamped; only the newest is used."""
+"""Actions of LeRobot, `{"<joint>.pos": rad}`, as targets of a run. Each is validated, and only the newest counts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,15 +17,15 @@ from retarget.run.joint_targets import JUMP
 from retarget.types import FloatArray
 
 POS, GOAL = ".pos", ".goal"
-"""Suffixes of a joint's position as it was read, and as it was sent. Both are radians."""
+"""Suffixes of the position of a joint, rad, as it was read and as it was sent."""
 STALE_MS = (20.0, 2000.0)
-"""Least and most of the freshness limit, ms: two ticks of a fast robot, and what an operator notices."""
+"""Range of the freshness limit, ms, from two ticks of a fast robot."""
 LONGEST_STEP_S = 0.1
-"""Actions are bridged over the time between the last two, at most this long."""
+"""Longest time, s, over which a step between two actions is spread."""
 FOR_EVER = 10**9
-"""No limit on ticks."""
+"""Ticks of a performance without end."""
 MOST_RAD = 100.0
-"""No joint turns this far, rad: a larger value is in other units."""
+"""Largest target, rad. A larger value is in other units."""
 
 
 def action_names(joints: Sequence[str]) -> tuple[str, ...]:
@@ -34,8 +34,8 @@ def action_names(joints: Sequence[str]) -> tuple[str, ...]:
 
 
 def read_action(action: Mapping[str, object], names: Sequence[str]) -> FloatArray:
-    """The targets (n,), rad, of an action with these keys; other keys are left alone. Raises InputError that names
-    every key without a finite number, or with one beyond `MOST_RAD`."""
+    """The targets (n,), rad, of an action with these keys; others are ignored. Raises InputError that names every key
+    that is missing, not finite, or beyond `MOST_RAD`."""
     missing = [name for name in names if name not in action]
     if missing:
         raise InputError(
@@ -65,7 +65,7 @@ def _few(names: Sequence[str]) -> str:
 
 
 def _number(value: object) -> float:
-    """A number, also one in an array or tensor of one element; NaN where it is none."""
+    """A number, or that of an array or tensor of one element; else NaN."""
     if isinstance(value, bool | str | bytes):
         return np.nan
     try:
@@ -76,8 +76,8 @@ def _number(value: object) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ReceivedAction:
-    """The newest action. joints (n,): rad; None: it was refused. time: s when it came. step_s: s since the one before,
-    within which the robot goes there. reason: why it was refused."""
+    """An action. joints (n,): rad, None if it was refused. time: s, of its arrival. step_s: time, s, over which its
+    step is spread. reason: of its refusal."""
 
     joints: FloatArray | None
     time: float
@@ -86,18 +86,17 @@ class ReceivedAction:
 
 
 class Actions:
-    """`retarget.human.samples.Samples` and `retarget.run.joint_targets.JointTargets` of actions.
+    """The newest action as `Samples` and as `JointTargets` of a run.
 
-    `put`, `refuse` and `clutch` are called by another thread than the rest: each replaces one object. In place of a
-    performer a sample is held, which nothing follows. ticks: without end; kept: one.
+    `put`, `refuse` and `clutch` may be called by another thread: each replaces one object. The performer is a held
+    sample, which nothing follows.
     """
 
     ticks, kept, over = FOR_EVER, 1, False
 
     def __init__(self, held: Clip, first: FloatArray, *, fastest: FloatArray, clock: Clock, stale_s: float) -> None:
-        """held: its first sample is held. first (n,): rad, the target before there is an action. fastest (n,): rad/s,
-        of the servos. stale_s: an action that is older is signal loss, s. Raises UsageError for a limit that cannot be
-        meant."""
+        """held: its first sample is held. first (n,): rad, the target before any action. fastest (n,): rad/s, of the
+        servos. stale_s: age, s, from which an action is signal loss. Raises UsageError for a limit out of range."""
         low, high = STALE_MS
         if not low <= 1e3 * stale_s <= high:
             raise UsageError(
@@ -112,36 +111,36 @@ class Actions:
         self._target, self._fastest, self._now = np.array(first), fastest, clock.now()
         self._good, self._engaged = Debounce(), True
         self.dt = self.motion_dt = held.dt
-        self._wrong = ""  # with actions, in a few words
+        self._problem = ""  # of the actions, in a few words
 
     # From the thread that sends.
 
     def put(self, joints: FloatArray) -> None:
-        """Take an action, (n,) rad, as the newest. One that no servo could get to in time is not bridged: it shows as a
-        jump, to which the robot goes slowly."""
+        """Take an action, (n,) rad, as the newest. A step that no servo can make in time is not spread: the run sees a
+        jump, and approaches it slowly."""
         now = self._clock.now()
         step = min(max(now - self._newest.time, self.dt), LONGEST_STEP_S)
         jumps = (np.abs(joints - self._target) > JUMP * self._fastest * step).any()
         self._newest = ReceivedAction(joints, now, 0.0 if jumps else step)
 
     def refuse(self, reason: str) -> None:
-        """The newest action cannot be used: the robot holds until there is another."""
+        """Take an action that cannot be used: the robot holds until the next."""
         self._newest = ReceivedAction(None, self._clock.now(), reason=reason)
 
     def clutch(self, *, engaged: bool) -> None:
-        """Follow actions again, slowly from where the robot is; or hold it, without a limit in time."""
+        """Follow actions again, slowly from where the robot is, or hold it without a time limit."""
         self._engaged = engaged
 
     @property
     def begun(self) -> bool:
-        """Whether there is an action."""
+        """True if there is an action."""
         return self._newest.joints is not None
 
     # From the thread of the ticks.
 
     @property
     def following(self) -> bool:
-        """Whether actions have been fresh for long enough."""
+        """True if actions have been fresh for long enough."""
         return self._good.good
 
     def reset_heading(self) -> bool:
@@ -150,19 +149,26 @@ class Actions:
 
     @property
     def paused(self) -> bool:
-        """Whether the operator holds the robot."""
+        """True if the operator holds the robot."""
         return not self._engaged
 
     @property
     def hold_reason(self) -> str:
-        """Why the robot holds, in a few words."""
-        return self._wrong or TOO_SHORT
+        """The reason why the robot holds, in a few words."""
+        return self._problem or TOO_SHORT
 
     def poll(self) -> None:
-        """Go on towards the newest action, so as to be there when the next one is due."""
+        """Go on towards the newest action, to be there when the next one is due."""
         now, newest = self._clock.now(), self._newest
         step, self._now = now - self._now, now
-        self._wrong = self._problem(newest, now)
+        problem = ""
+        if not self._engaged:
+            problem = "paused by the operator"
+        elif newest.joints is None:
+            problem = newest.reason
+        elif now - newest.time > self._stale_s:
+            problem = f"no action for more than {1e3 * self._stale_s:.0f} ms"
+        self._problem = problem
         if newest.joints is None:
             return
         left = newest.step_s - (now - newest.time) + step  # [s] from the tick before
@@ -176,26 +182,17 @@ class Actions:
         return self._target
 
     def may_approach(self) -> bool:
-        """Whether actions have been fresh for long enough to move."""
-        return self._good.step(self._now, good=not self._wrong)
+        """True if actions have been fresh for long enough to move."""
+        return self._good.step(self._now, good=not self._problem)
 
     def sample(self, tick: int) -> SensorSample | None:
-        """The held sample; None: there is no fresh action, and the robot is to hold."""
+        """The held sample; None without fresh actions: the robot holds."""
         return self._held.sample(0) if self.may_approach() or tick == 0 else None
 
     def hold(self) -> None:
-        """The robot holds: it waits until actions have been fresh for long enough."""
+        """Wait again until actions have been fresh for long enough."""
         self._good.restart()
 
     def recorded(self) -> Clip:
         """The held sample."""
         return self._held
-
-    def _problem(self, newest: ReceivedAction, now: float) -> str:
-        if not self._engaged:
-            return "paused by the operator"
-        if newest.joints is None:
-            return newest.reason
-        if now - newest.time > self._stale_s:
-            return f"no action for more than {1e3 * self._stale_s:.0f} ms"
-        return ""

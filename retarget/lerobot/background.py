@@ -1,6 +1,6 @@
-"""A run in a thread of its own, for programs with another loop than the servos': they leave targets, and copy readings.
+"""A run in a thread of its own, for programs with another loop: they leave targets and copy readings.
 
-Signals reach the main thread alone, so the run has a stop of its own, which `end` asks for and waits for.
+Signals reach only the main thread, so `end` requests the stop of the run and waits for it.
 """
 
 import atexit
@@ -21,28 +21,26 @@ from retarget.run.tick import Machine
 from retarget.types import FloatArray, Notify, RunState
 
 JOIN_S = LONGEST_STOP_S + 5.0
-"""Longest wait, s, for a run to end: its longest stop, and the bus that is closed after it."""
+"""Longest wait, s, for the stop of a run and the close of its bus."""
 FORCED_S = 2.0
-"""Longest wait, s, after torque was to go off at once."""
+"""Longest wait, s, after a request for torque off."""
 WAKE_S = 0.1
-"""The main thread waits in steps of this, s, so that Ctrl-C reaches it."""
+"""Longest time, s, until the waiting main thread notices Ctrl-C."""
 SWITCH_S = 5e-4
-"""Longest time, s, that Python lets another thread of this program run on while a tick waits: its usual 5 ms are more
-than half a tick."""
+"""Time, s, after which Python interrupts another thread for a tick. The usual 5 ms are more than half a tick."""
 DISCONNECTED = "disconnected"
 HOLD_IT = "the robot stands, torque is on: support it, then press Ctrl-C to switch torque off"
 CUT_POWER = "torque may be on: support the robot and cut its power"
 Begins = Callable[[], bool]
-"""Whether the robot is to be armed; called in every tick before it is."""
+"""True once the robot may be armed. Called in every tick before."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
     """The robot at one tick.
 
-    present, goal (n,): rad, servo order, where the servos were read, and the posture that was sent then, without what
-    makes up for a load; before the robot is armed, both are where it was read. time: s, when this was kept. state: of
-    the run. reason: why it holds or has stopped.
+    present (n,): rad, servo order, as read. goal (n,): rad, the posture that was sent, without deflection compensation;
+    before the robot is armed, as read. time: s. reason: why it holds or has stopped.
     """
 
     present: FloatArray
@@ -53,17 +51,17 @@ class Reading:
 
 
 class StopRequested(Operator):
-    """Another operator, and a stop that another thread asks for. why: "" while none is; torque_off: at once."""
+    """Adds the stop request of another thread to an operator. why: "" for none; torque_off: at once."""
 
     def __init__(self) -> None:
         self.why, self.torque_off, self.other = "", False, Operator()
 
     def poll(self, state: RunState | None) -> OperatorInput:
-        """What is asked for now, as `Operator.poll` says."""
+        """The present requests; see `Operator.poll`."""
         return self._with(self.other.poll(state))
 
     def requested(self) -> OperatorInput:
-        """What was asked for so far."""
+        """The requests so far."""
         return self._with(self.other.requested())
 
     def _with(self, found: OperatorInput) -> OperatorInput:
@@ -73,7 +71,7 @@ class StopRequested(Operator):
 class BackgroundRun(RunObserver):
     """One run of one robot: `start`, read `reading`, and `end` it.
 
-    The robot has no torque until `begins` says so. error: why there is no run (any more), None while all is well.
+    The robot has no torque until `begins` returns True. error: why the run did not start or has failed, or None.
     """
 
     def __init__(
@@ -85,7 +83,7 @@ class BackgroundRun(RunObserver):
         clock: Clock,
         notify: Notify,
     ) -> None:
-        """prepared: the run that can start, with its bus open; entered and left in the thread. operator: of it."""
+        """prepared: the run that can start, with its bus open; entered and left in the thread."""
         self._prepared, self._operator, self._begins = prepared, operator, begins
         self._clock, self._notify = clock, notify
         self._reading: Reading | None = None
@@ -97,7 +95,7 @@ class BackgroundRun(RunObserver):
 
     @property
     def reading(self) -> Reading:
-        """The newest one. Only after `start`."""
+        """The newest reading, after `start`."""
         assert self._reading is not None, "the run has started"
         return self._reading
 
@@ -108,11 +106,11 @@ class BackgroundRun(RunObserver):
 
     @property
     def over(self) -> bool:
-        """Whether the run has ended."""
+        """True if the run has ended."""
         return self._over.is_set()
 
     def start(self) -> None:
-        """Start the thread, and wait for the first reading. Raises what keeps the run from it."""
+        """Start the thread and wait for the first reading. Raises the error of a run that does not start."""
         sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_S))
         self._thread.start()
         while not self._ready.wait(WAKE_S):
@@ -121,13 +119,13 @@ class BackgroundRun(RunObserver):
             raise self.error
 
     def refuse_ended(self) -> None:
-        """Raise KeyboardInterrupt where `end` was called: for what waits before the run begins."""
+        """Raise KeyboardInterrupt if `end` was called, for waits before the run begins."""
         if self._stop.why:
             raise KeyboardInterrupt
 
     def end(self, why: str) -> bool:
-        """Stop: the robot brakes, goes to rest, and its torque goes off; wait for it, for `JOIN_S` at most. True if the
-        thread has ended. Raises nothing. Ctrl-C while this waits switches torque off at once."""
+        """Brake, go to rest, switch torque off, and wait for `JOIN_S` s at most. True if the thread has ended. Raises
+        nothing. Ctrl-C while it waits switches torque off at once."""
         self._stop.why = self._stop.why or why
         deadline, ended, interrupted, notified = self._clock.now() + JOIN_S, False, False, False
         while True:
@@ -137,26 +135,22 @@ class BackgroundRun(RunObserver):
                     deadline = min(deadline, self._clock.now() + FORCED_S)
                 ended = not self._thread.is_alive()
                 if ended or self._clock.now() >= deadline:
-                    self._refer_to_power(ended)
+                    machine = self._machine
+                    if not ended or (machine is not None and machine.guard.torque is not Torque.OFF):
+                        self._notify_safely(CUT_POWER)
                     return ended
                 self._thread.join(WAKE_S)
                 if self._stands and not notified:
                     notified = True
-                    self._say(HOLD_IT)
+                    self._notify_safely(HOLD_IT)
             except KeyboardInterrupt:
                 interrupted = True
-
-    def _refer_to_power(self, ended: bool) -> None:
-        """Notify the operator where torque may be on."""
-        machine = self._machine
-        if not ended or (machine is not None and machine.guard.torque is not Torque.OFF):
-            self._say(CUT_POWER)
 
     @property
     def _stands(self) -> bool:
         return self._machine is not None and self._machine.supervisor.state is RunState.STANDING
 
-    def _say(self, text: str) -> None:
+    def _notify_safely(self, text: str) -> None:
         with suppress(Exception):  # a terminal that is gone
             self._notify(text)
 
@@ -191,7 +185,7 @@ class BackgroundRun(RunObserver):
         ending = loop.run(nullcontext)  # other threads of this program make cycles
         if ending.reason is not None and not self._stop.why:
             self.error = RetargetError(ending.reason)
-            self._say(f"stopped: {ending.reason}")
+            self._notify_safely(f"stopped: {ending.reason}")
 
     def _read(self, machine: Machine) -> ServoStates:
         """Read servos that have no torque."""
@@ -213,10 +207,10 @@ class BackgroundRun(RunObserver):
 
 
 class Connection:
-    """Whether a device is connected: the run that it has, from `connect` to `disconnect`, or the end of the program.
+    """The run of a device from `connect` to `disconnect`, or to the end of the program.
 
-    A run whose thread does not end stays its run, so that there is never a second one on its bus. name: of the device,
-    in messages. close: what is closed after the run.
+    A run whose thread does not end stays its run, so that its bus never has a second one. name: of the device, in
+    messages. close: called after the run.
     """
 
     def __init__(self, name: str, close: Callable[[], object] = lambda: None) -> None:
@@ -225,23 +219,23 @@ class Connection:
 
     @property
     def is_connected(self) -> bool:
-        """Whether there are readings: also of a run that has ended, until `close`."""
+        """True if there are readings, also of a run that has ended, until `close`."""
         return self._run is not None and self._run.began
 
     @property
     def state(self) -> RunState:
-        """The state of the run; OFF where there is none."""
+        """The state of the run; OFF without one."""
         run = self._run
         return RunState.OFF if run is None or run.over or not run.began else run.reading.state
 
     def run(self, what: str) -> BackgroundRun:
-        """The run. what: the call, for the message. Raises GuardError where there is none."""
+        """The run. what: the call, for the message. Raises GuardError without a run."""
         if self._run is None or not self._run.began:
             raise GuardError(f"the {self._name} is not connected", where=what, then="Call connect() first")
         return self._run
 
     def open(self, run: BackgroundRun) -> None:
-        """Start the run. Raises GuardError where there is one, RetargetError where it cannot start."""
+        """Start the run. Raises GuardError if there is one, RetargetError if it cannot start."""
         if self._run is not None:
             raise GuardError(f"the {self._name} is connected already", where="connect", then="Disconnect it first")
         self._run = run
@@ -253,8 +247,7 @@ class Connection:
             raise
 
     def close(self) -> None:
-        """End the run, within `JOIN_S`. Raises nothing, and does nothing where there is none. Call it again where
-        the run has not ended by then."""
+        """End the run, within `JOIN_S`. Raises nothing. Call it again if the run has not ended by then."""
         if self._run is not None and self._run.end(DISCONNECTED):
             self._close()
             atexit.unregister(self.close)

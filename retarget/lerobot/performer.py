@@ -1,7 +1,6 @@
-"""The teleoperator of LeRobot: any source of a performer, retargeted and gated here, as the goals of a robot.
+"""The teleoperator of LeRobot: a performer from any source gives the goals of a robot.
 
-It is a whole run on a bus without servos, in a thread of its own, by the profile of the robot. So what LeRobot records
-as `action` has passed the same gate as on the robot.
+It is a run on a bus without servos, in a thread of its own, so a recorded `action` has passed the gate of the robot.
 """
 
 from collections.abc import Callable
@@ -22,16 +21,16 @@ from retarget.run.prepare import Perform, Prepared, prepare_for
 from retarget.types import Notify
 
 LONGEST_DELAY_S = 600.0
-"""Longest time, s, before a file begins."""
+"""Longest time, s, before a performance begins."""
 STALE_S = 0.5
-"""Goals that are older than this, s, are not given: some 50 ticks are missing, so the thread that makes them hangs."""
+"""Greatest age of a goal, s, some 50 ticks: older ones show that the run hangs."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PerformerWiring:
-    """What only the program that wires knows. perform: the performance, by the source; called in the thread of the run,
-    with what raises KeyboardInterrupt once nobody waits for it any more. operator: who may hold or stop it. close: ends
-    what `perform` opened. notify: receives sentences for the performer."""
+    """Parts of the command line. perform: the performance of the source, called in the thread of the run with a
+    function that raises KeyboardInterrupt once the run is to end. operator: may hold or stop the run. close: closes
+    what `perform` opened. notify: receives messages for the performer."""
 
     perform: Callable[[Callable[[], None]], Perform]
     operator: Callable[[Prepared], Operator]
@@ -42,14 +41,14 @@ class PerformerWiring:
 class PerformerDevice:
     """A performer who gives joint goals: `connect`, then `action` at any rate, and `disconnect`.
 
-    `connect` waits until the performer is measured. From the first `action` on the robot's stance is given for
-    `delay_s`, in which a real robot gets there; then the performer is followed. When a file is over, its last goal goes
-    on. A performer who cannot be followed for 5 s is an error.
+    `connect` waits until the performer is measured. From the first `action` the goal is the stance of the robot for
+    `delay_s`, in which a real robot gets there; then it follows the performer. After a file its last goal stays. A
+    performer who is lost for 5 s is an error.
     """
 
     def __init__(self, options: RunOptions, wiring: PerformerWiring, *, delay_s: float) -> None:
-        """options: robot, performer and playback; the bus does not count. Raises RetargetError for a robot that cannot
-        be loaded, UsageError for a delay that cannot be meant."""
+        """options: robot, performer and playback. Raises RetargetError for a robot that cannot be loaded, UsageError
+        for a delay out of range."""
         if not (isfinite(delay_s) and 0.0 <= delay_s <= LONGEST_DELAY_S):
             allowed = f"0 to {LONGEST_DELAY_S:g} s"
             raise UsageError("impossible delay", where="delay_s", found=f"{delay_s:g}", allowed=allowed)
@@ -62,12 +61,11 @@ class PerformerDevice:
 
     @property
     def action_features(self) -> dict[str, type]:
-        """`<joint>.pos`, rad: those of the robot."""
+        """`<joint>.pos` of the robot, rad."""
         return dict.fromkeys(self._names, float)
 
     def connect(self) -> None:
-        """Open the source, and wait until the performer is measured. Raises RetargetError: no data, no rest pose, a bad
-        file."""
+        """Open the source and wait until the performer is measured. Raises RetargetError."""
         run = BackgroundRun(
             lambda: self._prepared(run.refuse_ended),
             operator=self._wiring.operator,
@@ -78,8 +76,7 @@ class PerformerDevice:
         self.connection.open(run)
 
     def _prepared(self, look: Callable[[], None]) -> AbstractContextManager[Prepared]:
-        """A run without servos that ends where it has braked. look: see `PerformerWiring.perform`."""
-
+        """A run without servos that ends once it has braked. look: see `PerformerWiring.perform`."""
         self._begins_at = inf
 
         def standing(robot: RobotBody, clock: Clock) -> NoBus:
@@ -98,8 +95,8 @@ class PerformerDevice:
         )
 
     def action(self) -> dict[str, float]:
-        """The newest goals, rad, by the keys of `action_features`. Raises GuardError where the performer was lost for
-        too long, with the reason, where the run hangs, or it is not connected."""
+        """The newest goals, rad, by `action_features`. Raises GuardError if the performer was lost for too long, the
+        run hangs, or it is not connected."""
         run = self.connection.run("get_action")
         self._begins_at = min(self._begins_at, self._clock.now() + self._delay_s)
         if run.over and run.error is not None:
@@ -116,5 +113,5 @@ class PerformerDevice:
         return dict(zip(self._names, reading.goal.tolist(), strict=True))
 
     def disconnect(self) -> None:
-        """Close the source. Raises nothing, and does nothing if it is not connected."""
+        """Close the source. Raises nothing."""
         self.connection.close()

@@ -1,4 +1,4 @@
-"""The robot of LeRobot: actions are followed as a performer is, by a run in a thread of its own."""
+"""The robot of LeRobot: a run in a thread of its own follows actions as it follows a performer."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -23,13 +23,13 @@ from retarget.types import Notify
 STALE_MS = 200.0
 """Freshness limit, ms: six actions at 30 Hz."""
 HELD_S = 0.1
-"""Length, s, of the sample that is read for the performer who is held."""
+"""Length, s, of the sample of the held performer."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wiring:
-    """What only the program that wires knows. make_bus: the bus that the options name. operator: who may stop a run
-    beside the device. close: ends what `operator` opened. notify: receives sentences for the operator."""
+    """Parts of the command line. make_bus: makes the bus of the options. operator: may stop a run beside the device.
+    close: closes what `operator` opened. notify: receives messages for the operator."""
 
     make_bus: MakeBus
     operator: Callable[[Prepared], Operator]
@@ -41,13 +41,13 @@ class Wiring:
 def following_actions(
     robot: RobotBody, options: RunOptions, wiring: Wiring, *, clock: Clock, stale_ms: float = STALE_MS
 ) -> Iterator[tuple[Prepared, Actions]]:
-    """A run of a robot that follows actions, ready to start, and where to put them. options: robot, bus and end.
+    """Yields a run of a robot that follows actions, ready to start, and its `Actions`. It begins in its stance.
 
-    It stands in its stance first. Raises RetargetError for what cannot be used.
+    options: robot, bus and end. Raises RetargetError.
     """
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
-        """The performer of the sample, who is held: a run needs one."""
+        """The performer of the sample, who is held, because a run needs one."""
         return performance_of(lambda: open_source(SAMPLE), Playback(end=HELD_S))(performer, robot)
 
     make_bus, notify = wiring.make_bus, wiring.notify
@@ -65,13 +65,12 @@ def following_actions(
 class HumanoidDevice:
     """A robot that follows joint targets: `connect`, then `send` and `observation` at any rate, and `disconnect`.
 
-    The servos are moved at the rate of the profile by a run of its own. Torque comes on with the first action: the
-    robot goes slowly to its stance, then slowly to the target, and follows it. Each goal passes the gate. Without an
-    action for `stale_ms` the robot holds; 5 s after the last one it goes to rest.
+    Its run sends gated goals at the rate of the profile. Torque comes on with the first action: the robot goes slowly
+    to its stance, then to the target. Without an action for `stale_ms` it holds; after 5 s it goes to rest.
     """
 
     def __init__(self, options: RunOptions, wiring: Wiring, *, stale_ms: float = STALE_MS) -> None:
-        """options: robot and bus, and how the run ends. Raises RetargetError for a robot that cannot be loaded."""
+        """options: robot, bus and end. Raises RetargetError for a robot that cannot be loaded."""
         self._options, self._wiring, self._stale_ms = options, wiring, stale_ms
         self._clock: Clock = MonotonicClock()
         self.robot = load_robot(options.robot, root=options.root)
@@ -91,7 +90,7 @@ class HumanoidDevice:
         return dict.fromkeys([joint + suffix for suffix in (POS, GOAL) for joint in self.joints], float)
 
     def connect(self) -> None:
-        """Open the bus and read the servos; nothing moves, and no torque comes on. Raises RetargetError."""
+        """Open the bus and read the servos, without torque. Raises RetargetError."""
         run = BackgroundRun(
             self._prepared,
             operator=self._wiring.operator,
@@ -103,7 +102,6 @@ class HumanoidDevice:
 
     @contextmanager
     def _prepared(self) -> Iterator[Prepared]:
-        """The run that can start."""
         following = following_actions(
             self.robot, self._options, self._wiring, clock=self._clock, stale_ms=self._stale_ms
         )
@@ -111,8 +109,7 @@ class HumanoidDevice:
             yield prepared
 
     def observation(self) -> dict[str, float]:
-        """The newest reading, rad, by the keys of `observation_features`. Raises GuardError where it is not
-        connected."""
+        """The newest reading, rad, by `observation_features`. Raises GuardError if it is not connected."""
         reading = self.connection.run("get_observation").reading
         values = [*reading.present.tolist(), *reading.goal.tolist()]
         return dict(zip(self.observation_features, values, strict=True))
@@ -120,8 +117,8 @@ class HumanoidDevice:
     def send(self, action: Mapping[str, object]) -> dict[str, float]:
         """Take the target of all joints, rad, and return the goals that were sent last, by the same keys.
 
-        Raises InputError for an action that is not finite or not whole: the robot holds until a good one comes.
-        GuardError where the robot has stopped, with the reason, or is not connected.
+        Raises InputError for an action that is not finite or not whole: the robot holds until the next. GuardError if
+        the robot has stopped, with the reason, or is not connected.
         """
         run, actions = self.connection.run("send_action"), self._actions
         assert actions is not None, "a run that has started has them"
@@ -141,13 +138,13 @@ class HumanoidDevice:
         return dict(zip(self._names, run.reading.goal.tolist(), strict=True))
 
     def clutch(self, *, engaged: bool) -> None:
-        """Follow actions again, slowly from where the robot is; or hold it, without a limit in time."""
+        """Follow actions again, slowly from where the robot is, or hold it without a time limit."""
         self.connection.run("clutch")
         assert self._actions is not None, "a run that has started has them"
         self._actions.clutch(engaged=engaged)
 
     def disconnect(self) -> None:
-        """Brake, go to rest, torque off; within `background.JOIN_S`. Raises nothing, and does nothing if it is not
-        connected. Ctrl-C while it waits switches torque off at once. A run that has not ended by then stays connected:
-        cut the robot's power, or call this again."""
+        """Brake, go to rest and switch torque off, within `background.JOIN_S`. Raises nothing. Ctrl-C meanwhile
+        switches torque off at once. A run that has not ended by then stays connected: cut the power, or call this
+        again."""
         self.connection.close()

@@ -56,50 +56,48 @@ def page_path(text: str | Path) -> Path | None:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Paths of report, page, recording, pictures and animation of a run; None: nowhere. While it goes on record is
-    written, and the page at port view shows it. overwrite: replace what is there. best_likeness: the report has it.
-    verbose: every figure is printed."""
+    """Files of a run, and what is shown of it. page: path of the page of the report, set by `checked`.
+
+    Results:
+        report FILE.json|DIR: Write the numbers; into a folder, with a page.
+        best_likeness: Add the best likeness that the joints allow.
+        save FILE.npz: Write every tick, for other tools.
+        plots DIR: Write pictures.
+        animate FILE.webp: Write performer and robot moving (or .gif, .mp4).
+        view [PORT] 0..65535: Show it on a web page of this machine.
+        record FILE.mcap: Keep the run as it goes, for `retarget replay`.
+        verbose: Print every figure, not the sentence alone.
+        overwrite: Replace files that are there; else they are refused.
+    """
 
     report: Path | None = None
-    page: Path | None = None
+    best_likeness: bool = False
     save: Path | None = None
     plots: Path | None = None
     animate: Path | None = None
-    record: Path | None = None
     view: int | None = None
-    overwrite: bool = False
-    best_likeness: bool = False
+    record: Path | None = None
     verbose: bool = False
+    overwrite: bool = False
+    page: Path | None = None
 
     @property
     def measured(self) -> bool:
         """Whether a file is asked for that is written of the whole run."""
         return any((self.report, self.page, self.save, self.plots, self.animate))
 
-    @classmethod
-    def checked(
-        cls,
-        *,
-        report: Path | None,
-        save: Path | None,
-        plots: Path | None = None,
-        animate: Path | None = None,
-        record: Path | None = None,
-        overwrite: bool = False,
-    ) -> "Outputs":
-        """Raise UsageError for the first place at which nothing can be written, or where something is already."""
-        places = cls(
-            report=None if report is None else report_path(report),
-            page=None if report is None else page_path(report),
-            save=None if save is None else save_path(save),
-            plots=plots,
-            animate=None if animate is None else _animation_path(animate),
-            record=record,
-            overwrite=overwrite,
+    def checked(self) -> "Outputs":
+        """Return the places of the files. Raises UsageError for the first one that cannot be written, or is there."""
+        places = replace(
+            self,
+            report=None if self.report is None else report_path(self.report),
+            page=None if self.report is None else page_path(self.report),
+            save=None if self.save is None else save_path(self.save),
+            animate=None if self.animate is None else _animation_path(self.animate),
         )
-        if plots is not None:
-            check_folder(plots, option="--plots")
-        if not overwrite:
+        if self.plots is not None:
+            check_folder(self.plots, option="--plots")
+        if not self.overwrite:
             places.refuse_existing()
         return places
 

@@ -31,7 +31,7 @@ class PhysicsOptions:
     """Options of `--bus physics`, named as on the command line. Raises UsageError.
 
     Physics:
-        mount floor|stand|gantry: Support of the robot; usually by its profile's root.
+        mount floor|stand|gantry: Its support; usually by its profile's root.
         hook FRAME: Frame by which a gantry holds it; usually 'hook'.
         perturbations (--perturb) KIND[=X]: mass, centre_of_mass, friction, latency, stiffness or push, drawn by the
             seed or as given (stiffness=0.7). Also several times.
@@ -118,7 +118,7 @@ class RunOptions:
         allow_contact: Begin also where the body touches the scene.
         stand_at_end: End standing, with torque.
         torque_off_at_end: End at rest, even if it topples there.
-        parts whole|upper: Parts that follow; 'upper' keeps the legs still.
+        parts whole|upper: Moving parts; 'upper' keeps the legs still.
         legs free: Pelvis and feet as the performer's; on no servos.
         steps WAY: When the performer walks: planted (usual), walk, follow (of a robot that hangs).
         iterations (--n-ik) N: Iterations per frame at most, both stages.

@@ -18,7 +18,7 @@ from command_line import code_of
 from messages import refuses, shows
 from recordings import Recorded, record
 from retarget.cli import COMMANDS, HOMES
-from retarget.cli.application import ask, command_of, described, given, refuse_given, with_values
+from retarget.cli.application import command_of, confirmed, described, given, refuse_given, with_values
 from retarget.cli.emulate import TypedLines
 from retarget.cli.exit import DONE, REFUSED
 from retarget.errors import UsageError
@@ -42,7 +42,7 @@ def test_enter_is_yes_and_anything_strange_is_asked_again(
     typed: str, answer: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO(typed))
-    assert ask("Go on?") is answer
+    assert confirmed("Go on?") is answer
     assert capsys.readouterr().out == "Go on? [Y/n] " * max(1, typed.count("\n"))
 
 
@@ -51,7 +51,7 @@ def test_a_question_without_answer_is_refused(
 ) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     with pytest.raises(UsageError) as refused:
-        ask("Go on?", where="servo home")
+        confirmed("Go on?", where="servo home")
     said = "servo home: the question has no answer: the input has ended. Run it in a terminal."
     assert str(refused.value) == said
     assert capsys.readouterr().out == "Go on? [Y/n] \n"

@@ -27,7 +27,7 @@ from messages import mentions, shows
 from retarget import cli
 from retarget.cli import controls, main
 from retarget.cli.application import console, log, progress_bar
-from retarget.cli.controls import WORDS, Asked, ControlSocket, LiveStatus
+from retarget.cli.controls import WORDS, ControlRequest, ControlSocket, LiveStatus
 from retarget.cli.exit import DEFECT, DONE, INTERRUPTED, LEAST_MEMORY, REFUSED, STOPPED, exit_code_of
 from retarget.cli.run import USUAL_OPTIONS
 from retarget.cli.stop import sent
@@ -57,7 +57,7 @@ def test_the_help_of_run_fits_a_screen(monkeypatch: pytest.MonkeyPatch, capsys: 
     assert leave("run", "--help") == DONE
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 24 and max(map(len, lines)) <= 80 and lines[-1] == "more: --help-all"
-    assert all(any(line.startswith(f"  {option} ") for line in lines) for option in USUAL_OPTIONS)
+    assert all(any(line.startswith(f"  {option} ") for line in lines) for option in USUAL_OPTIONS["run"])
     assert leave("run", "--help-all") == DONE
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 100 and max(map(len, lines)) <= 80
@@ -224,7 +224,7 @@ demo = partial(code_of, "demo")
 @pytest.mark.long
 def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     whole = open_source("sample")
-    monkeypatch.setattr("retarget.cli.demo.open_source", lambda name: whole.cut(0.0, 4.0))
+    monkeypatch.setattr("retarget.cli.run.open_source", lambda name: whole.cut(0.0, 4.0))
     monkeypatch.chdir(tmp_path)
     assert demo() == DONE
     folder = tmp_path / "out" / "demo"
@@ -245,7 +245,7 @@ def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
 
 def test_the_demo_of_another_robot_keeps_that_of_the_usual_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = open_source("sample")
-    monkeypatch.setattr("retarget.cli.demo.open_source", lambda name: whole.cut(0.0, 0.2))
+    monkeypatch.setattr("retarget.cli.run.open_source", lambda name: whole.cut(0.0, 0.2))
     monkeypatch.chdir(tmp_path)
     own = tmp_path / "mine" / "robot.yaml"
     shutil.copytree(shipped_folder() / "robots" / "poppy", own.parent)
@@ -284,7 +284,7 @@ def test_a_run_receives_the_word(
     code: int,
     said: str,
 ) -> None:
-    clock, asked, done = MonotonicClock(), list[Asked](), threading.Event()
+    clock, asked, done = MonotonicClock(), list[ControlRequest](), threading.Event()
     server = ControlSocket(tmp_path / "control", status=lambda: LiveStatus(None, True, False, None))
     if not known:
         monkeypatch.setattr(controls, "WORDS", {word: WORDS[word] for word in WORDS if word != "stop"})
@@ -302,7 +302,7 @@ def test_a_run_receives_the_word(
     thread.join()
     server.close()
     assert found[0] == code and said in found[1]
-    assert asked == ([Asked.TORQUE_OFF if words else Asked.STOP] if known else [])
+    assert asked == ([ControlRequest.TORQUE_OFF if words else ControlRequest.STOP] if known else [])
 
 
 @pytest.mark.parametrize("words", [("{}",), ("{}", "--torque-off"), ("--torque-off",)])

@@ -29,8 +29,8 @@ from retarget.cli.controls import (
     LET_GO_S,
     MOST_CLIENTS,
     NEEDED,
-    Asked,
     Control,
+    ControlRequest,
     ControlSocket,
     HeldKey,
     Keyboard,
@@ -42,8 +42,23 @@ from retarget.cli.controls import (
     open_stick,
     refuse_oversight,
 )
-from retarget.cli.event_device import ABS_INFO, EV_ABS, EV_KEY, EV_SYN, EVENT, EVIOCGABS, SYN_DROPPED
-from retarget.cli.stick import ABS_RX, ABS_X, ABS_Y, LAPSE_S, STAND, Gamepad, KeyStick, velocity_of
+from retarget.cli.stick import (
+    ABS_INFO,
+    ABS_RX,
+    ABS_X,
+    ABS_Y,
+    EV_ABS,
+    EV_KEY,
+    EV_SYN,
+    EVENT,
+    EVIOCGABS,
+    LAPSE_S,
+    STAND,
+    SYN_DROPPED,
+    Gamepad,
+    KeyStick,
+    velocity_of,
+)
 from retarget.cli.stop import MAX_LINE, connect_to, socket_path
 from retarget.errors import UsageError
 from retarget.robot.walking.pattern import Request
@@ -53,7 +68,7 @@ EVENT_RANGE = struct.pack("@2i", 0, 255)
 KEY_B, BTN_TRIGGER, BTN_TL, BTN_SOUTH = 48, 0x120, 0x136, 0x130
 
 
-def asked(control: Control, now: float = 0.0) -> list[Asked]:
+def asked(control: Control, now: float = 0.0) -> list[ControlRequest]:
     """What one poll asks for."""
     return [kind for kind, _ in control.poll(now)]
 
@@ -104,14 +119,14 @@ def test_keys_come_without_enter_and_the_terminal_is_as_it_was(terminal: tuple[i
     keys = Keyboard(end, dead_man=HeldKey("b"))
     assert asked(keys) == []
     os.write(master, b" ph")
-    assert asked(keys) == [Asked.STOP, Asked.PAUSE, Asked.HEADING]
+    assert asked(keys) == [ControlRequest.STOP, ControlRequest.PAUSE, ControlRequest.HEADING]
     os.write(master, b" ")
-    assert asked(keys, 2.0) == [Asked.TORQUE_OFF]
+    assert asked(keys, 2.0) == [ControlRequest.TORQUE_OFF]
     found = []
     for press in range(NEEDED):
         os.write(master, b"b")
         found += asked(keys, 3.0 + 0.05 * press)
-    assert found == [Asked.GRIP] and asked(keys, 4.0) == [Asked.RELEASE]
+    assert found == [ControlRequest.GRIP] and asked(keys, 4.0) == [ControlRequest.RELEASE]
     os.write(master, b"\x13")  # Ctrl-S is a key, and holds nothing up
     assert asked(keys, 5.0) == []
     os.write(end, b"text")
@@ -162,11 +177,11 @@ def test_a_pedal_is_pressed_until_it_is_let_go(device: Device) -> None:
     device.event(1, KEY_B, 2)  # a repeat of what was down before is no press
     assert asked(pedal) == []
     device.event(1, KEY_B, 1)
-    assert asked(pedal) == [Asked.GRIP] and asked(pedal) == []
+    assert asked(pedal) == [ControlRequest.GRIP] and asked(pedal) == []
     device.event(1, KEY_B, 2)
     assert asked(pedal) == []
     device.event(1, KEY_B, 0)
-    assert asked(pedal) == [Asked.RELEASE] and not pedal.lost
+    assert asked(pedal) == [ControlRequest.RELEASE] and not pedal.lost
     pedal.close()
     pedal.close()
 
@@ -176,18 +191,18 @@ def test_events_that_the_kernel_dropped_let_go_and_one_may_come_in_pieces(device
     os.write(device.fd, event[:7])
     assert asked(pedal) == []
     os.write(device.fd, event[7:])
-    assert asked(pedal) == [Asked.GRIP]
+    assert asked(pedal) == [ControlRequest.GRIP]
     device.event(0, 3, 0)
-    assert asked(pedal) == [Asked.RELEASE]
+    assert asked(pedal) == [ControlRequest.RELEASE]
 
 
 def test_a_pedal_that_is_gone_is_let_go_and_said_once(device: Device) -> None:
     pedal = Pedal(device.path)
     device.event(1, KEY_B, 1)
-    assert asked(pedal) == [Asked.GRIP]
+    assert asked(pedal) == [ControlRequest.GRIP]
     device.unplug()
     ((kind, reason),) = pedal.poll(0.0)
-    assert kind is Asked.RELEASE and pedal.lost and device.path in reason
+    assert kind is ControlRequest.RELEASE and pedal.lost and device.path in reason
     assert asked(pedal) == []
 
 
@@ -213,7 +228,7 @@ def test_a_pedal_with_and_without_a_key(device: Device, text: str, code: int, co
     dead_man = open_dead_man(f"pedal:{device.path}{text}", terminal=False)
     assert isinstance(dead_man, Pedal) and device.path in dead_man.label
     device.event(1, code, 1)
-    assert asked(dead_man) == [Asked.GRIP] * counts
+    assert asked(dead_man) == [ControlRequest.GRIP] * counts
     dead_man.close()
 
 
@@ -235,7 +250,7 @@ def test_keys_of_a_stick_walk_from_the_first_press_to_the_lapse(terminal: tuple[
         os.write(master, pressed)
         assert asked(keys, now) == [] and stick.shares(now) == found, pressed
     os.write(master, b"w ")
-    assert asked(keys, 3.0) == [Asked.STOP], "space stops, whatever walks"
+    assert asked(keys, 3.0) == [ControlRequest.STOP], "space stops, whatever walks"
     keys.close()
 
 
@@ -357,7 +372,7 @@ def test_a_stop_file_counts_as_there_wherever_it_cannot_be_looked_for(tmp_path: 
         (folder / "stop", f"cannot be looked for ({os.strerror(errno.ENOTDIR)})"),
         (tmp_path / "gone" / "stop", "cannot be looked for (its folder is not there)"),
     ):
-        assert [*StopFile(file).poll(0.0)] == [(Asked.STOP, f"{file} {reason}")]
+        assert [*StopFile(file).poll(0.0)] == [(ControlRequest.STOP, f"{file} {reason}")]
     assert asked(StopFile(tmp_path / "stop")) == []
 
 
@@ -376,24 +391,24 @@ def test_a_word_is_carried_out_and_then_answered(server: ControlSocket) -> None:
     with connect_to(server.path) as client:
         client.sendall(b"hold\nsta")
         polled = server.poll(0.0)
-        assert next(polled)[0] is Asked.HOLD
+        assert next(polled)[0] is ControlRequest.HOLD
         assert not select.select((client,), (), (), 0.0)[0], "no answer before it is carried out"
         assert [*polled] == [] and client.recv(100) == b"ok holding\n"
         client.sendall(b"tus\r\ntorque_off\n")
-        assert asked(server) == [Asked.TORQUE_OFF]
+        assert asked(server) == [ControlRequest.TORQUE_OFF]
         status, answer, _ = client.recv(500).split(b"\n")
         assert json.loads(status) == asdict(STATUS) and answer == b"ok torque off"
     assert asked(server) == [] and not server._clients
     with connect_to(server.path) as client:
         client.sendall(b"stop\n")
-    assert asked(server) == [Asked.STOP], "of a client that left at once"
+    assert asked(server) == [ControlRequest.STOP], "of a client that left at once"
 
 
 def test_a_robot_that_stands_at_the_end_is_only_asked_for_its_torque(tmp_path: Path) -> None:
     server = ControlSocket(tmp_path / "control", status=lambda: LiveStatus("standing", False, False, None))
     with connect_to(server.path) as client:
         client.sendall(b"stop\nhold\ntorque_off\n")
-        assert asked(server) == [Asked.TORQUE_OFF]
+        assert asked(server) == [ControlRequest.TORQUE_OFF]
         stop, hold, off, _ = client.recv(1000).decode().split("\n")
         assert stop == hold and off == "ok torque off"
         shows(stop, "torque_off")
@@ -421,7 +436,7 @@ def test_a_stale_socket_is_replaced_and_one_in_use_is_not(tmp_path: Path) -> Non
         ControlSocket(place, status=lambda: STATUS)
     with connect_to(place) as client:
         client.sendall(b"stop\n")
-        assert asked(server) + asked(server) == [Asked.STOP]
+        assert asked(server) + asked(server) == [ControlRequest.STOP]
     server.close()
 
 
@@ -467,7 +482,7 @@ def test_silent_clients_keep_no_other_out(server: ControlSocket) -> None:
         assert len(server._clients) == MOST_CLIENTS
         client = stack.enter_context(connect_to(server.path))
         client.sendall(b"stop\n")
-        assert asked(server) == [Asked.STOP] and client.recv(100) == b"ok stopping\n"
+        assert asked(server) == [ControlRequest.STOP] and client.recv(100) == b"ok stopping\n"
 
 
 def test_no_input_of_the_socket_raises_and_memory_is_bounded(server: ControlSocket) -> None:

@@ -27,7 +27,7 @@ from retarget.cli.exit import (
     REASONS,
     STOPPED,
     ForcedStopKey,
-    Press,
+    KeyPress,
     Screen,
     all_as_ctrl_c,
     detached_screens,
@@ -291,7 +291,7 @@ def test_held_it_is_not(delay: float, period: float, tick: float, phase: float) 
     for look in range(int(5.0 / tick)):
         now = look * tick
         come = sum(time <= now for time in repeats)
-        assert come == seen or key.pressed(come - seen, now) is not Press.SECOND
+        assert come == seen or key.pressed(come - seen, now) is not KeyPress.SECOND
         seen = come
 
 
@@ -305,7 +305,7 @@ def test_a_second_sigterm_still_brakes() -> None:
 def test_one_ctrl_c_after_another_kind_of_stop_still_brakes() -> None:
     """After the space bar, a stop file or a button, it is the first signal."""
     with stop_on_signals() as asked:
-        asked.ask("the stop file is there")
+        asked.request("the stop file is there")
         signal.raise_signal(signal.SIGINT)
         assert asked() and not asked.torque_off
 
@@ -316,10 +316,10 @@ def test_held_and_read_late_it_is_not(stall: float) -> None:
     key.pressed(1, 0.0)
     now = 0.5
     while now < 3.0:
-        assert key.pressed(1, now) is not Press.SECOND
+        assert key.pressed(1, now) is not KeyPress.SECOND
         now += 0.033
     for count, later in ((int(stall / 0.033), 0.0), (0, 0.01), (1, 0.02)):
-        assert key.pressed(count, now + stall + later) is not Press.SECOND
+        assert key.pressed(count, now + stall + later) is not KeyPress.SECOND
 
 
 @pytest.mark.parametrize("number", REASONS)

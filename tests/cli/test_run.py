@@ -18,7 +18,7 @@ from command_line import code_of
 from hardware.guard import Torque
 from live_rig import LiveRig
 from messages import shows, shows_lines
-from retarget.cli.controls import Asked
+from retarget.cli.controls import ControlRequest
 from retarget.cli.exit import DONE, INTERRUPTED, REFUSED, STOPPED, StopRequest
 from retarget.cli.operator import TORQUE_WORDS, RunOperator
 from retarget.cli.run import _wait_until_engaged
@@ -62,7 +62,7 @@ def test_a_stop_that_is_asked_for_before_torque_is_on_ends_the_command(
     @contextmanager
     def asked(*_: object, **__: object) -> Iterator[StopRequest]:
         request = StopRequest()
-        request.ask("interrupted by the user")
+        request.request("interrupted by the user")
         yield request
 
     monkeypatch.setattr("retarget.cli.run.stop_on_signals", asked)
@@ -123,7 +123,7 @@ def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() 
         operator = RunOperator(prepared, stop, controls=[grip], notify=rig.said.append, dead_man=True)
         _wait_until_engaged(operator, performer, rig.clock)
         assert 1.0 < rig.clock.now() - begun < 1.1
-        stop.ask("the operator asked")
+        stop.request("the operator asked")
         with pytest.raises(KeyboardInterrupt):
             _wait_until_engaged(operator, performer, rig.clock)
         assert not rig.bus.torque_on
@@ -143,11 +143,11 @@ class Grip:
     def __init__(self) -> None:
         self._first: float | None = None
 
-    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
+    def poll(self, now: float) -> Iterator[tuple[ControlRequest, str]]:
         """See `Control`."""
         self._first = now if self._first is None else self._first
         if now - self._first > 1.0:
-            yield Asked.GRIP, "held"
+            yield ControlRequest.GRIP, "held"
 
 
 def raw(path: Path, *, seconds: float) -> str:

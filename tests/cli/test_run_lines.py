@@ -16,7 +16,7 @@ from live_rig import LiveRig
 from messages import shows
 from recordings import mock_bus
 from retarget.cli import main
-from retarget.cli.controls import Asked
+from retarget.cli.controls import ControlRequest
 from retarget.cli.exit import DONE, STOPPED, StopRequest
 from retarget.cli.operator import MOST_LINES, RunLines, RunOperator
 from retarget.cli.run import CommandRun, finished
@@ -182,7 +182,7 @@ def test_every_warning_about_a_servo_has_its_line(lines: RunLines, said: Printed
 def test_every_key_has_its_answer(lines: RunLines, said: Printed) -> None:
     rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0))
     with rig.prepared() as prepared:
-        keys = Mock(poll=lambda now: [(Asked.PAUSE, "paused")])
+        keys = Mock(poll=lambda now: [(ControlRequest.PAUSE, "paused")])
         operator = RunOperator(prepared, StopRequest(), controls=[keys], notify=lines.notify)
         no_room(lines)
         said()

@@ -218,7 +218,7 @@ def test_a_terminal_is_asked(
     answers: list[str], bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """ENTER takes the links; what cannot be is said, and asked again."""
-    monkeypatch.setattr("retarget.cli.own_robot.is_asked", lambda: True)
+    monkeypatch.setattr("retarget.cli.robots.is_interactive", lambda: True)
     said = iter(answers)
     monkeypatch.setattr("builtins.input", lambda _: next(said))
     code, out, _ = run(capsys, "import", bust, "--out", tmp_path / "new")
@@ -231,7 +231,7 @@ def test_a_terminal_is_asked(
 def test_a_question_without_an_answer(
     bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("retarget.cli.own_robot.is_asked", lambda: True)
+    monkeypatch.setattr("retarget.cli.robots.is_interactive", lambda: True)
     monkeypatch.setattr("builtins.input", Mock(side_effect=EOFError))
     code, _, err = run(capsys, "import", bust, "--out", tmp_path / "new")
     assert code == 2

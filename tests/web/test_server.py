@@ -24,7 +24,7 @@ from followers import dimensions, op3, performer
 from hardware.clock import MonotonicClock, VirtualClock
 from hardware.imu import from_roll_pitch_yaw
 from messages import shows
-from retarget.cli.controls import Asked
+from retarget.cli.controls import ControlRequest
 from retarget.cli.stick import STAND, Shares
 from retarget.cli.web.control import HELD_S, PageControl, directions
 from retarget.errors import ConfigError
@@ -68,7 +68,7 @@ class Page:
     def poses(self) -> list[Datagram]:
         return self.until(lambda: self.receiver.poll(self.clock.now()))
 
-    def asked(self) -> list[Asked]:
+    def asked(self) -> list[ControlRequest]:
         return self.until(lambda: [one for one, _ in self.control.poll(self.clock.now())])
 
     def told(self, text: str) -> bool:
@@ -203,7 +203,7 @@ def test_one_performer_at_a_time_and_the_one_who_was_measured() -> None:
             one.feed.begin(PageSetup(None, None, None, human()), rate_hz=100.0)
             with one.browser("watch", "olga") as olga:
                 assert olga.hear("scene")["robot"] is None, "who comes later sees it, too"
-        assert set(one.asked()) == {Asked.PAGE_HOLD}, "who is measured has gone: it goes on when asked to"
+        assert set(one.asked()) == {ControlRequest.PAGE_HOLD}, "who is measured has gone: it goes on when asked to"
         for kind, name in (("headset", "anna"), ("camera", "boris")):
             with one.browser(kind, name) as other:
                 assert "measured" in other.hear("refused")["why"]
@@ -211,7 +211,7 @@ def test_one_performer_at_a_time_and_the_one_who_was_measured() -> None:
             boris.hear("welcome")
             boris.socket.send(FRAME)
             assert one.poses()[0].source == ("127.0.0.1", 2)
-            assert set(one.asked()) == {Asked.PAGE_HOLD}, "nothing else comes"
+            assert set(one.asked()) == {ControlRequest.PAGE_HOLD}, "nothing else comes"
 
 
 def test_a_stop_is_sent_until_the_run_ends() -> None:
@@ -231,9 +231,9 @@ def human() -> str:
 def test_what_a_page_asks_for_reaches_the_operator() -> None:
     with page() as one, one.browser("watch", "olga") as olga:
         olga.say(say="pause")
-        assert one.asked() == [Asked.PAGE_HOLD]
+        assert one.asked() == [ControlRequest.PAGE_HOLD]
         olga.say(say="go on")
-        assert one.asked() == [Asked.PAGE_GO_ON]
+        assert one.asked() == [ControlRequest.PAGE_GO_ON]
         olga.say(say="stop")
         assert olga.hear("stop"), "it is confirmed"
         assert one.until(one.feed.stop_asked)
@@ -248,15 +248,15 @@ def test_a_dead_man_control_lapses_with_its_page() -> None:
         with one.browser("watch", "olga") as olga:
             assert olga.hear("welcome")["dead_man"]
             olga.say(say="held", held=True)
-            assert one.asked() == [Asked.GRIP]
+            assert one.asked() == [ControlRequest.GRIP]
             olga.say(say="held", held=False)
-            assert one.asked() == [Asked.RELEASE]
+            assert one.asked() == [ControlRequest.RELEASE]
             olga.say(say="held", held=True)
-            assert one.asked() == [Asked.GRIP]
-            assert one.asked() == [Asked.RELEASE], "the page says nothing any more"
+            assert one.asked() == [ControlRequest.GRIP]
+            assert one.asked() == [ControlRequest.RELEASE], "the page says nothing any more"
             olga.say(say="held", held=True)
-            assert one.asked() == [Asked.GRIP]
-        assert one.asked() == [Asked.RELEASE], "the page is gone"
+            assert one.asked() == [ControlRequest.GRIP]
+        assert one.asked() == [ControlRequest.RELEASE], "the page is gone"
 
 
 def test_pads_steer_a_run_that_asks_for_them_until_they_are_let_go() -> None:
@@ -346,14 +346,14 @@ def test_all_dead_man_controls_are_held_and_lapse_where_the_server_hangs() -> No
     words = Words()
     control = PageControl(words, lambda text: None)  # type: ignore[arg-type]
     assert not [*control.poll(0.0)], "it is not in use"
-    asked: dict[tuple[float, tuple[str, ...]], list[Asked]] = {
-        (1.0, ("grip 0",)): [Asked.GRIP],
+    asked: dict[tuple[float, tuple[str, ...]], list[ControlRequest]] = {
+        (1.0, ("grip 0",)): [ControlRequest.GRIP],
         (1.2, ("grip 0",)): [],
         (1.19 + HELD_S, ()): [],
-        (1.21 + HELD_S, ()): [Asked.RELEASE],
+        (1.21 + HELD_S, ()): [ControlRequest.RELEASE],
         (2.0, ("grip 0", "release 1")): [],
-        (2.1, ("grip 1",)): [Asked.GRIP],
-        (9.0, ("grip 1",)): [Asked.RELEASE],
+        (2.1, ("grip 1",)): [ControlRequest.GRIP],
+        (9.0, ("grip 1",)): [ControlRequest.RELEASE],
         (9.1, ()): [],
     }
     for (now, said), found in asked.items():

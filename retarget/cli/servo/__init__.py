@@ -1,4 +1,4 @@
-"""`retarget servo COMMAND`: work with servos outside a run. One file per command, with a function of its name."""
+"""`retarget servo COMMAND`: work with servos outside a run. A module has the function of its command."""
 
 COMMANDS = {
     "scan": "Find every servo on a port.",
@@ -9,7 +9,7 @@ COMMANDS = {
     "home": "Find the zero of each servo: place the robot in a known posture.",
     "stiffness": "Measure how stiff a servo is: held goals under a known load.",
 }
-"""Every command and its line in the list of commands."""
+"""The line of each command in the help."""
 
 
 def servo() -> None:

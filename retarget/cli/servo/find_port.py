@@ -4,7 +4,7 @@ from pathlib import Path
 
 from hardware.bus import BusSpec
 from hardware.dynamixel.serial_port import existing_ports, no_such_port, ports_text, stable_name
-from retarget.cli.application import answered, ask
+from retarget.cli.application import answered, confirmed
 from retarget.cli.exit import echo
 
 WHERE = "servo (--port PATH names the port)"
@@ -18,7 +18,7 @@ def port_of_bus(bus: BusSpec, *, yes: bool) -> str:
         if yes:
             raise no_such_port(bus.port)
         echo(f"bus {bus.name}: {bus.port}, the port of the profile, does not exist")
-    elif yes or ask(f"bus {bus.name}: use {bus.port}, the port of the profile?", where=WHERE):
+    elif yes or confirmed(f"bus {bus.name}: use {bus.port}, the port of the profile?", where=WHERE):
         return bus.port
     found = unplugged_port()
     echo(f"the port is {found}; as `port` of bus {bus.name} in the profile it need not be found again")

@@ -15,7 +15,7 @@ from hardware.arrays import BoolArray, FloatArray
 from hardware.clock import MonotonicClock, VirtualClock, today
 from hardware.dynamixel.serial_port import is_pseudo_terminal
 from hardware.servo import Layout
-from retarget.cli.application import Overwrite, answered, ask, console
+from retarget.cli.application import answered, confirmed, console
 from retarget.cli.buses import check_bus, make_bus
 from retarget.cli.exit import echo
 from retarget.errors import UsageError
@@ -136,7 +136,7 @@ def home(
     each: bool = False,
     force: bool = False,
     out: Path | None = None,
-    overwrite: Overwrite = False,
+    overwrite: bool = False,
     dry_run: bool = False,
 ) -> None:
     """Find the zero of each servo: with torque off the operator places the robot in a known posture, and keeps it
@@ -150,7 +150,6 @@ def home(
     any joint, and gone on with by --joints.
 
     Options:
-        robot NAME|PATH: Robot by name or path.
         bus (--bus, --port) profile|PORT|emulator|mock: Ports of the profile, one port, an emulator, or module:Class.
         pose neutral|stand|rest|attractor: Posture of the profile to place it in.
         joints A,B,...: Only these, with commas between.
@@ -201,7 +200,7 @@ def _homed(
 
 
 def _agree(question: str, enter: bool) -> bool:
-    return ask(question, enter=enter, where="servo home")
+    return confirmed(question, enter=enter, where="servo home")
 
 
 def _choose(question: str) -> str:

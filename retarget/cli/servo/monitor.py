@@ -41,7 +41,6 @@ def monitor(
         ids 1,2,5-9: Only these ids.
         rate HZ: Cycles per second.
         once: One table, as in a pipe.
-        dry_run: Say what would be done, and do not open a port.
     """
     if not 1.0 <= rate <= 500.0:
         raise UsageError("an impossible rate", where="--rate", found=f"{rate:g}", allowed="1 to 500 Hz")

@@ -25,7 +25,7 @@ from hardware.dynamixel.line_scan import (
 from hardware.dynamixel.serial_port import BytePort, SerialPort, existing_ports, ports_text
 from hardware.errors import BusError, RetargetError
 from hardware.servo import ServoSpec
-from retarget.cli.application import ask, note, progress_bar
+from retarget.cli.application import confirmed, note, progress_bar
 from retarget.cli.buses import posture_ticks
 from retarget.cli.exit import echo
 from retarget.cli.servo.find_port import port_of_bus
@@ -48,7 +48,6 @@ class Where:
     """The ports that are meant.
 
     Options:
-        robot NAME|PATH: Robot by name or path.
         port (--port, --bus) PATH|emulator: Serial port; without it those of the profile.
         faults FILE.yaml: What goes wrong on the emulator.
     """
@@ -380,7 +379,7 @@ def names(one: Look, ids: Sequence[int]) -> str:
 def agreed(question: str, *, yes: bool) -> bool:
     """Whether the operator agrees, or did beforehand (`yes`); ENTER alone is no. Raises UsageError where the input has
     ended."""
-    if yes or ask(question, enter=False, where="servo (--yes agrees beforehand)"):
+    if yes or confirmed(question, enter=False, where="servo (--yes agrees beforehand)"):
         return True
     echo("nothing was done")
     return False

@@ -43,7 +43,6 @@ def reboot(
         joint NAME: The servo of this joint of the robot.
         everyone (--all): Every servo that is found.
         yes: Do not ask; also where torque is on.
-        dry_run: Say what would be done, and do not open a port.
     """
     wanted = ids_of(ids, option="--id", highest=MAX_ID)
     if [wanted is not None, joint is not None, everyone].count(True) != 1:

@@ -23,10 +23,6 @@ def rest(where: Where, only: Only, yes: bool = False, dry_run: bool = False) -> 
     broadcast, so the servos are then looked for, switched off again and read back, also those of unknown models. A
     servo that does not confirm is named, and the exit code is 1. Nothing else is written but the bus watchdog, which is
     cleared. Without a profile the look takes up to a minute. Ctrl-C does not end the writing half way.
-
-    Options:
-        yes: Do not ask.
-        dry_run: Say what would be done, and do not open a port.
     """
     places = find_places(where)
     protocols = [place.spec.protocol if place.spec and only.protocol is None else only.protocol for place in places]

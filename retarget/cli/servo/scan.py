@@ -39,7 +39,6 @@ def scan(where: Where, only: Only, ids: str = "", everywhere: bool = False, dry_
     Options:
         ids 1,2,5-9: Only these ids.
         everywhere (--all): Every speed and id; about a minute.
-        dry_run: Say what would be done, and do not open a port.
     """
     wanted = ids_of(ids, highest=MAX_ID + (only.protocol != 2))
     quick = not everywhere and wanted is None and only.baud is None

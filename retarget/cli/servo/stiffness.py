@@ -39,13 +39,11 @@ def stiffness(
     the limb weighs by the body file, and what hangs on it. Writes nothing: what belongs into the profile is shown.
 
     Options:
-        robot NAME|PATH: Robot by name or path.
         joint NAME: Joint of the servo: a hip's pitch bears the whole leg.
         bus (--bus, --port) profile|PORT|emulator|physics|physics+wire: Ports of the profile, one port, or simulated
             servos.
         weight KG: Object that hangs on the limb.
         at FRAME: Frame of the profile at which it hangs.
-        yes: Do not ask.
         dry_run: Say what would be done, and touch nothing.
     """
     options = _options(robot, bus)

@@ -1,8 +1,7 @@
-"""`retarget web COMMAND`: what `web://` needs beside this program. One file per command, with a function of its
-name."""
+"""`retarget web COMMAND`: prepare `web://`. A module has the function of its command."""
 
 COMMANDS = {"install": "Fetch what the page needs to see a body with a camera."}
-"""Every command and its line in the list of commands."""
+"""The line of each command in the help."""
 
 
 def web() -> None:

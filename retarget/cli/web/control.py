@@ -1,4 +1,4 @@
-"""The page of `web://` in a run of the command line: its address, and what people ask for on it."""
+"""The page of `web://` in a run: its address, and the requests of people on it."""
 
 import io
 import json
@@ -10,7 +10,7 @@ from math import inf
 from typing import Any
 
 from retarget.cli.application import log
-from retarget.cli.controls import GRIPS, Asked
+from retarget.cli.controls import GRIPS, ControlRequest
 from retarget.cli.stick import STAND, Shares
 from retarget.errors import ConfigError, install_step
 from retarget.live.address import WEB_PORT, StreamAddress
@@ -20,38 +20,40 @@ from retarget.web.link import GO_ON, GRIP, HEALTH, NOTE, PAUSE, RELEASE, STICK, 
 from retarget.web.runtime import runtime_folder
 
 HELD_S = 0.3
-"""A dead-man control or a pad that is not confirmed for so long counts as let go, s: three messages of its page."""
+"""Time, s, after which a dead-man control or pad without a message counts as let go: three messages."""
 MOST_HEALTH = 600
-"""What a page said of itself that is kept: ten minutes, once a second."""
+"""Health messages of pages that are kept: ten minutes."""
 PAUSED = "paused on the page: the robot holds until it goes on there"
 PAGE = "page"
 """`--dead-man` or `--stick` on the page."""
 LABEL = "H on the page, a finger on its pad, or the grip of a controller"
-"""What the operator has to hold."""
+"""Name of the dead-man control, for the operator."""
 PADS = "the pads on the page of those who look after the robot, while a finger or the mouse holds one"
 
 
 class PageControl:
-    """What is asked for on the page: pause and go on, its dead-man control and its stick. STOP comes by the feed
-    itself. notify: receives what the page's process says. health: what performers' pages said of themselves."""
+    """The control and stick of the page: pause and go on, the dead-man control and the pads. STOP comes by the feed.
+
+    notify: receives notes of the process of the page. health: messages of the pages of performers.
+    """
 
     def __init__(self, feed: ViewFeed, notify: Notify) -> None:
         self._feed, self._notify = feed, notify
-        self._asked: deque[str] = deque(maxlen=MOST_WORDS)
-        self._gripped = dict[str, float]()  # [s] when each dead-man control in use was last confirmed
-        self._held: bool | None = None  # None: none is in use
-        self._stick, self._steered = STAND, -inf  # what the pads asked for last, and when [s]
+        self._words: deque[str] = deque(maxlen=MOST_WORDS)
+        self._gripped = dict[str, float]()  # [s] of the last message of each dead-man control
+        self._held: bool | None = None  # None: no dead-man control is in use
+        self._stick, self._steered = STAND, -inf  # of the pads, and its time [s]
         self.health: deque[dict[str, Any]] = deque(maxlen=MOST_HEALTH)
 
-    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
-        """Return what was asked for, as `Control.poll` says."""
+    def poll(self, now: float) -> Iterator[tuple[ControlRequest, str]]:
+        """Yield the requests of pages; see `Control.poll`."""
         self.listen()
-        while self._asked:
-            word = self._asked.popleft()
+        while self._words:
+            word = self._words.popleft()
             if word == PAUSE:
-                yield Asked.PAGE_HOLD, PAUSED
+                yield ControlRequest.PAGE_HOLD, PAUSED
             elif word == GO_ON:
-                yield Asked.PAGE_GO_ON, "no pause of the page any more"
+                yield ControlRequest.PAGE_GO_ON, "no pause of the page any more"
             elif word.startswith(GRIP):
                 self._gripped[word.removeprefix(GRIP)] = now
             elif word.startswith(RELEASE):
@@ -65,21 +67,21 @@ class PageControl:
             yield GRIPS[held]
 
     def shares(self, now: float) -> Shares:
-        """What the pads ask for, as `Stick.shares` says."""
+        """The shares of the pads; see `Stick.shares`."""
         return self._stick if now - self._steered <= HELD_S else STAND
 
     def listen(self) -> None:
-        """Report what the page's process says, and keep what is asked for."""
+        """Pass on notes, and keep health and requests."""
         for word in self._feed.words():
             if word.startswith(NOTE):
                 self._notify(News(word.removeprefix(NOTE)))
             elif word.startswith(HEALTH):
                 self.health.append(json.loads(word.removeprefix(HEALTH)))
             else:
-                self._asked.append(word)
+                self._words.append(word)
 
     def times(self) -> dict[str, list[float]]:
-        """How long poses were under way before they arrived, s, by stage as `LiveReport.latency_ms` has them."""
+        """Latencies, s, of poses before their arrival, by stage of `LiveReport.latency_ms`."""
         stages = {"page": ("send_ms", 1e-3), "network": ("rtt_ms", 0.5e-3)}
         return {
             stage: [by * said[key] for said in self.health if isinstance(said.get(key), int | float)]
@@ -87,7 +89,7 @@ class PageControl:
         }
 
     def look(self) -> None:
-        """`listen`, while nothing moves. Raises KeyboardInterrupt once STOP was pressed."""
+        """Call `listen` while nothing moves. Raises KeyboardInterrupt once STOP was pressed."""
         self.listen()
         if self._feed.stop_asked():
             raise KeyboardInterrupt
@@ -103,8 +105,8 @@ def opened_web(
     stick: bool = False,
     notify: Notify,
 ) -> Iterator[tuple[ViewFeed, PoseReceiver]]:
-    """The page of a run, and the poses that it sends. Says where it is, with a code for a phone to read. Raises
-    ConfigError where it cannot be served."""
+    """Open the page of a run and the receiver of its poses, and notify the operator of its address, with a code for a
+    phone. Raises ConfigError if it cannot be served."""
     try:
         import segno
         import trustme  # noqa: F401  (the page's process needs these two)
@@ -128,7 +130,7 @@ def opened_web(
 
 
 def directions(address: str, fingerprint: str) -> Iterator[str]:
-    """How to open the page. fingerprint: of its certificate, "" without one."""
+    """Yield directions to the page. fingerprint: of its certificate, "" without one."""
     yield f"Open {address}"
     if fingerprint:
         yield (

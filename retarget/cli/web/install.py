@@ -1,4 +1,4 @@
-"""`retarget web install`: the body tracker that the page runs in the browser, into the cache."""
+"""`retarget web install`: fetch the body tracker of the page."""
 
 from pathlib import Path
 
