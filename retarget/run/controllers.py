@@ -274,7 +274,7 @@ class Follow(Controller):
         self._settled = 1.0  # share of its speed that the robot may use beyond `slow`
 
     def begin(self, commanded: Commanded) -> None:
-        """Follow from where the robot is; after a hold slowly at first."""
+        """Follow from where the robot is; after a hold slowly."""
         self.posture, self.lost = None, False
         if self._ticks > 0:
             self._reconstructor.resume(self._motion_dt / self._dt)

@@ -12,7 +12,7 @@ from retarget.robot.follower import Follower
 from retarget.run.controllers import JERK_S, RISE_S, Commanded, Controller, GoalsInstead, Target
 from retarget.types import FloatArray
 
-SMOOTH_S, SMOOTH_JERK_S = 0.06, 0.03
+TARGET_RISE_S, TARGET_JERK_S = 0.06, 0.03
 """[s] Rise of the smoothed target's velocity and acceleration: about two periods of targets at 30 Hz."""
 JUMP = 1.5
 """A target faster than this multiple of a servo's greatest velocity has jumped; timing noise is less."""
@@ -36,8 +36,8 @@ class TargetFollower(Controller):
         servos, share = robot.joint_map, robot.profile.safety.speed_caps.approach
         slow, self._most = share * servos.max_velocity, JUMP * servos.max_velocity * dt
         fade = np.minimum(slow / RISE_S, 0.5 * servos.max_acceleration)
-        smooth = np.minimum(servos.max_velocity / SMOOTH_S, servos.max_acceleration - fade)
-        self._smooth = TrajectoryGenerator(servos.max_velocity, smooth, smooth / SMOOTH_JERK_S, dt=dt)
+        smooth = np.minimum(servos.max_velocity / TARGET_RISE_S, servos.max_acceleration - fade)
+        self._smooth = TrajectoryGenerator(servos.max_velocity, smooth, smooth / TARGET_JERK_S, dt=dt)
         self._offset = TrajectoryGenerator(slow, fade, fade / JERK_S, dt=dt)
         self._none = np.zeros(len(servos))
         self._last: Target | None = None  # None: nothing was asked for yet

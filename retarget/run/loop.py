@@ -40,11 +40,8 @@ class Operator:
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """A completed tick.
-
-    row: in the record, None if no goal was sent. output: None for a human alone. tried: the goal last given to the bus,
-    even if that failed.
-    """
+    """A completed tick. row: None if no goal was sent. output: None for a human alone. tried: the goal last given to
+    the bus."""
 
     record: Record
     row: int | None
@@ -54,10 +51,7 @@ class Tick:
 
 
 class RunObserver:
-    """Observes a run. After a failure it is called no more, and the robot goes on.
-
-    failure: the exception in words, or "".
-    """
+    """Observes a run. After a failure, its text, it is called no more, and the robot goes on."""
 
     failure = ""
 
@@ -99,11 +93,8 @@ class Progress(RunObserver):
 
 @dataclass(frozen=True, eq=False)
 class Ending:
-    """The end of a run.
-
-    wall_s: of the followed ticks. state: of the supervisor. reason: of an early stop. standing: why the robot stands at
-    the end, or "".
-    """
+    """The end of a run. wall_s: of the followed ticks. reason: of an early stop. standing: why the robot stands, or
+    ""."""
 
     record: Record
     wall_s: float
@@ -131,8 +122,8 @@ class Inputs(Protocol):
         ...
 
     def gather(self, tick: int, run_state: RunState, *, approached: bool) -> TickInput:
-        """Wait until the next tick is due, and gather its input. tick: of the performance; approached: following can
-        begin. Failures are in the input; nothing is raised."""
+        """Wait until the next tick is due, and gather its input, with failures. tick: of the performance; approached:
+        following can begin."""
         ...
 
 

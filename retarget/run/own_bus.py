@@ -1,8 +1,7 @@
 """A bus of the user's own, named on the command line as `module:Class`: for servos of another make.
 
-The class is called with the robot and the clock of the run, and returns a `hardware.bus.ServoBus`. Gate and guard are
-above it as above every bus. The module is searched in the current folder first; its code runs, as `python my_bus.py`
-would.
+The class is called with the robot and the clock, and returns a `hardware.bus.ServoBus` below gate and guard. The module
+is searched in the current folder first; its code runs, as `python my_bus.py` would.
 """
 
 import importlib
@@ -12,6 +11,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -126,13 +126,11 @@ class OwnBus:
 
     def open(self) -> None:
         """Open the bus. Raises BusError."""
-        with self._named("open"):
-            self._bus.open()
+        self._call("open")
 
     def read(self) -> ServoStates:
         """Read one cycle. Raises BusError."""
-        with self._named("read"):
-            states = self._bus.read()
+        states = self._call("read")
         if not isinstance(states, ServoStates):
             raise self._error("read", f"it returned {type(states).__name__}", "hardware.bus.ServoStates")
         for name, kinds in KINDS.items():
@@ -147,39 +145,33 @@ class OwnBus:
 
     def write(self, goals: ServoGoals) -> None:
         """Send goals. Raises BusError."""
-        with self._named("write"):
-            self._bus.write(goals)
+        self._call("write", goals)
 
     def limit_drive(self, share: float) -> None:
         """Limit the drive, where the bus can. Raises BusError."""
-        limit = getattr(self._bus, "limit_drive", lambda share: None)
-        with self._named("limit_drive"):
-            limit(share)
+        if hasattr(self._bus, "limit_drive"):
+            self._call("limit_drive", share)
 
     def torque(self, on: bool) -> None:
         """Switch torque. Raises BusError."""
-        with self._named("torque"):
-            self._bus.torque(on)
+        self._call("torque", on)
 
     def close(self) -> None:
         """Close the bus. Raises BusError."""
-        with self._named("close"):
-            self._bus.close()
+        self._call("close")
 
-    @contextmanager
-    def _named(self, method: str) -> Iterator[None]:
+    def _call(self, method: str, *arguments: object) -> Any:
         try:
-            yield
+            return getattr(self._bus, method)(*arguments)
         except BusError:
             raise
         except Exception as error:
             raise self._error(method, _text(error), None) from error
 
     def _error(self, method: str, found: str, allowed: str | None) -> BusError:
-        where = f"{self._name}.{method}"
         return BusError(
             "the bus of your own failed",
-            where=where,
+            where=f"{self._name}.{method}",
             found=found,
             allowed=allowed,
             then="Check its servos, or correct its code",

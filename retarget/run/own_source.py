@@ -23,7 +23,7 @@ from retarget.types import Notify
 
 Read = Callable[[float], Sequence[StreamFrame] | None]
 """From now, s on the run's clock, to the new frames, oldest first; None ends the source."""
-HERE = ("127.0.0.1", 0)  # the sender that admission sees
+OWN_SENDER = ("127.0.0.1", 0)  # the sender that admission sees
 MOST_WAITING = 1024
 """Frames in the queue; further ones are dropped and counted."""
 
@@ -50,7 +50,7 @@ class OwnSource:
         """The frames until `now`, s, as datagrams. Raises the exceptions of the function."""
         for frame in self._read_once(now):
             if len(self._waiting) < MOST_WAITING:
-                self._waiting.append(Datagram(now, HERE, written(frame)))
+                self._waiting.append(Datagram(now, OWN_SENDER, written(frame)))
             else:
                 self.dropped.note("more frames than are taken")
         return [self._waiting.popleft() for _ in range(min(len(self._waiting), MOST_PER_POLL))]

@@ -248,11 +248,11 @@ def prepare_for(
     has_deadlines: bool | None = None,
     supervisor: Supervisor | None = None,
 ) -> Iterator[Prepared]:
-    """Load and check a run, small files first; the bus is open within the context.
+    """Load and check a run, small files first; the bus is open within the context. Raises RetargetError.
 
-    goes_to_rest: end at rest or standing (see `plan_end`), else braked; None: if the robot has mass. end_plan: given.
-    robot: replaces that of the options. has_deadlines: a late tick stops the robot; None: on a real bus, as simulated
-    servos wait for a slow host. supervisor: of a performer who was measured first. Raises RetargetError.
+    goes_to_rest: end at rest or standing (see `plan_end`), else braked; None: if the robot has mass. has_deadlines: a
+    late tick stops the robot; None: on a real bus, as simulated servos wait. supervisor: of a performer who was
+    measured first.
     """
     performer = load_performer(options.performer_name)
     if robot is None and not options.is_human:

@@ -18,7 +18,7 @@ from retarget.types import FloatArray
 REMEMBERED_S = 0.25
 """[s] A servo at a goal of this last period lags; one elsewhere has left its trajectory."""
 ROUNDING_TICKS = 2.0
-"""[encoder steps] Goal and position are rounded, and a good servo holds within a step."""
+"""[encoder steps] Error of a good servo."""
 
 
 class FollowingError:
@@ -35,7 +35,7 @@ class FollowingError:
         self._goals[:] = position
 
     def sent(self, goal: FloatArray) -> None:
-        """Remember a goal (n,) rad that was sent."""
+        """Remember a goal (n,) rad."""
         self._row = (self._row + 1) % len(self._goals)
         self._goals[self._row] = goal
 
@@ -52,7 +52,7 @@ their rounding."""
 SERVOS_SHARE = 0.25
 """The same for measured positions: the straight line to the goal cuts corners of the servos' real path."""
 
-LOOKS = 600  # postures at most in one step of a walk, in which the shins pass each other closely
+WALK_SAMPLES = 600  # postures at most in one step of a walk, in which the shins pass each other closely
 TIGHTEN = "fit their observers closer (retarget fit-observers), or put the pair into ignore_pairs if it cannot meet"
 """Advice about two links for which the gate refuses goals."""
 
@@ -60,12 +60,9 @@ Pair = tuple[int, int | None, int | None]  # an observer, and another observer o
 
 
 class PathClearance:
-    """The collision check of one robot along two paths.
-
-    The first is that of the goals: from the posture sent last to the goal and on to rest. Servos that lag pass the same
-    places later. The second covers errors that lag does not explain (deflection, play, slip): from the measured
-    positions to the goal, and on to rest with the same error.
-    """
+    """The collision check of one robot along two paths: that of the goals, from the posture sent last to the goal and
+    on to rest; and from the measured positions to the goal, and on to rest with any error that lag does not explain
+    (deflection, play, slip). Servos that only lag pass the same places later."""
 
     def __init__(
         self, robot: RobotBody, observers: _solver.Observers, scene_obstacles: SceneObstacles, *, dt: float
@@ -117,9 +114,9 @@ class PathClearance:
     def __call__(
         self, path: FloatArray, instead: FloatArray, standing: FloatArray, *, walk: StopPath | None = None
     ) -> bool:
-        """True if a path of postures (k, n) rad is clear: a row per tick, from the present posture to rest.
+        """True if a path of postures (k, n) rad is clear, a row per tick from the present posture to rest.
 
-        instead (k, n): the path followed after a refusal. standing (nq,): the present posture. walk: its stance.
+        instead (k, n): the path after a refusal. standing (nq,): the present posture. walk: its stance.
         """
         self._obstacles.look()
         poses = self._obstacles.now
@@ -152,7 +149,7 @@ class PathClearance:
             stands = walk.postures[first - 1] if first else standing
             rows, other = path[first : last + 1], instead[min(first, len(instead) - 1) : last + 1]
             kept = remember and not first
-            if not checker.is_clear(stands, rows, dt=dt, share=share, instead=other, remember=kept, looks=LOOKS):
+            if not checker.is_clear(stands, rows, dt=dt, share=share, instead=other, remember=kept, looks=WALK_SAMPLES):
                 return False
         return True
 

@@ -3,9 +3,8 @@ something.
 
     torque = gravity(q, up) + (inertia of the rotor) ddq + viscous dq + friction,    |friction| <= Coulomb friction
 
-The measured torque is the torque constant times the current. It passes the same low pass as the positions, whose
-differences are the rates. A residual beyond the errors of friction and of each term is a contact. Only joints that
-carry neither a sole nor a hook are watched: currents do not show how legs share the weight.
+Measured torque and positions pass the same low pass. A residual beyond the errors of friction and of each term is a
+contact. Joints that carry a sole or a hook are not watched: currents do not show how legs share the weight.
 """
 
 from dataclasses import dataclass, replace
@@ -30,7 +29,7 @@ FRICTION, PLAY = 2.5, 0.02
 times its friction, and servos of a model differ by 30 %."""
 GRAVITY_SHARE, INERTIA_SHARE = 0.3, 0.5
 """Relative errors of the known terms: published torque constants differ by 30 %, rotor inertias by a factor of two."""
-SMOOTH_S = 0.02  # [s] time constant of each of two low passes; with less, an encoder step is an acceleration
+LOW_PASS_S = 0.02  # [s] time constant of each of two low passes; with less, an encoder step is an acceleration
 SLOWEST_HZ = 100.0  # at 50 Hz, free motion of a simulated head left 2.6 times the bound unexplained
 SUSTAINED_S = 0.08  # [s] of a residual at its bound until the robot holds; of twice the bound half as long
 HARDEST = 2.5  # multiple of the bound that counts at most, so that several readings must agree
@@ -174,7 +173,7 @@ class _InverseDynamics:
         self, states: ServoStates, joints: FloatArray, q: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """None until a current is known. joints (n,): rad; q (nq,): as commanded."""
-        columns, dt, gain = self.columns, self._dt, self._dt / (SMOOTH_S + self._dt)
+        columns, dt, gain = self.columns, self._dt, self._dt / (LOW_PASS_S + self._dt)
         force = np.array(self._upright.force(states.imu, q))
         self.q[self._robot.servo_columns] = joints
         # Gravity torque of a joint that carries only its own links: m g up . J_com with the root fixed.
@@ -199,8 +198,7 @@ class _InverseDynamics:
 
 
 class _Readings:
-    """Detects currents (m,) that do not change, and so are not measured. full (m,): A, of saturation, may stay
-    equal."""
+    """Detects currents (m,) that do not change, and so are not measured. full (m,): A, saturated ones."""
 
     def __init__(self, full: FloatArray) -> None:
         self._full, self._onset = full, np.zeros(len(full))
@@ -211,8 +209,6 @@ class _Readings:
         self._same &= current == self._since[1]
 
     def unmoved(self, joints: FloatArray, current: FloatArray) -> BoolArray:
-        """Give up currents that stayed equal since the last call while their joints (m,) rad moved; return the new
-        ones."""
         stuck = self._same & (np.abs(joints - self._since[0]) > STUCK_RAD)
         self._same, self._since = np.ones(len(current), dtype=np.bool_), np.array([joints, current])
         self._onset = np.where(stuck, current, self._onset)

@@ -29,7 +29,7 @@ SAMPLES = 300  # random postures in which the largest torques and levers are fou
 MOTION_SHARE, BEHIND_RAD = 0.4, 0.15
 """Share of the torque beyond gravity that accelerates an arm. At its greatest speed v it is v^2 / 2 a behind its goal:
 at most BEHIND_RAD, less than half of what the guard allows."""
-SPARE = 2.0  # least ratio of an arm's torque to its greatest friction
+TORQUE_RATIO = 2.0  # least ratio of an arm's torque to its greatest friction
 OPTION = "--max-force"
 
 
@@ -41,7 +41,7 @@ def with_max_force(robot: RobotBody, force: float) -> RobotBody:
     servos = robot.joint_map.servos
     numbers = [drive_numbers(servos[column].model) for column in columns]
     friction = FRICTION * np.array([servos[at].gear * one.friction for at, one in zip(columns, numbers, strict=True)])
-    least = SPARE * friction / levers  # [N]
+    least = TORQUE_RATIO * friction / levers  # [N]
     if force < least.max():
         weakest = servos[columns[int(least.argmax())]].joint
         raise UsageError(

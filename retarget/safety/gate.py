@@ -61,11 +61,8 @@ class Compensation(Protocol):
         ahead: FloatArray,
         walks: bool | None,
     ) -> tuple[FloatArray, Compensated]:
-        """The goal (n,) rad for a posture (n,) rad.
-
-        last: of the last goal. nearest: maps a goal into the limits. ahead (n,): the next posture. walks: None if as
-        before.
-        """
+        """The goal (n,) rad for a posture (n,) rad. nearest: maps a goal into the limits. ahead (n,): the next
+        posture."""
         ...
 
 
@@ -169,7 +166,7 @@ class Gate:
         return not len(goal.stop) and bool(self._braking.ticks(goal.displacement) <= 1.0)
 
     def brake(self, last: CheckedGoal) -> CheckedGoal:
-        """The next goal of the verified stop; once at rest, the same posture."""
+        """The next goal of the verified stop; at rest the same posture."""
         posture, stop = (last.stop[0], last.stop[1:]) if len(last.stop) else (last.posture, last.stop)
         goal, compensated = posture, None
         if self._compensation is not None:
@@ -203,7 +200,6 @@ class Gate:
         return np.asarray(np.minimum(np.maximum(goal, last.joints + lo), last.joints + hi))
 
     def _stop(self, last: CheckedGoal, target: FloatArray, stop: StopPath | None) -> FloatArray | None:
-        """The postures (k, n) rad from the target to rest; None if they exceed the limits."""
         displacement = target - last.posture
         if (np.abs(displacement) > self._fastest).any():
             return None
@@ -223,7 +219,7 @@ class Gate:
 
 
 class PassThroughGate(Gate):
-    """A gate without limits, for simulated servos. It still brakes within the accelerations."""
+    """A gate without limits, for simulated servos. It still brakes."""
 
     def _judged(
         self, last: CheckedGoal, target: FloatArray, stop: StopPath | None, standing: FloatArray | None

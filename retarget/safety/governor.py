@@ -21,8 +21,8 @@ from retarget.types import BoolArray, FloatArray
 
 SHARES = (1.0, 0.5, 0.25)  # of the distance, tried in this order
 LEAST = 1e-3  # smaller shares count as none
-LOOKS = 3  # secant steps to the share at which soles and balance are just kept
-SPARE = 0.98  # factor of that share, as losses are not quite linear in it
+SECANT_STEPS = 3  # secant steps to the share at which soles and balance are just kept
+SECANT_SHARE = 0.98  # factor of that share, as losses are not quite linear in it
 
 
 class CommandGovernor:
@@ -83,11 +83,11 @@ class CommandGovernor:
         bounds = self._standing.bounds(instead)
         lost, none = self._standing.losses(stop), self._standing.losses(self._blend(instead, stop, 0.0, 1.0))
         share = 1.0
-        for _ in range(LOOKS):
+        for _ in range(SECANT_STEPS):
             if lost.within(bounds):
                 return share
             slip = _secant(none.slip, lost.slip, bounds.slip)
-            share *= SPARE * min(slip, _secant(none.shortfall, lost.shortfall, bounds.shortfall))
+            share *= SECANT_SHARE * min(slip, _secant(none.shortfall, lost.shortfall, bounds.shortfall))
             if share < LEAST:
                 break
             lost = self._standing.losses(self._blend(instead, stop, share, 1.0))

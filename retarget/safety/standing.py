@@ -19,8 +19,8 @@ NO_WORSE_M = 1e-7  # [m] rounding
 
 @dataclass(frozen=True)
 class Losses:
-    """Losses on a path: largest slip of a corner of a carrying sole, m, and shortfall of the centre of mass, or of the
-    capture point at rest, from BALANCE_M, m."""
+    """Largest slip of a corner of a carrying sole, m, and shortfall of the centre of mass, or of the capture point at
+    rest, from BALANCE_M, m."""
 
     slip: float
     shortfall: float
@@ -61,8 +61,8 @@ class StandingCheck:
         return Losses(slip, BALANCE_M - inside)
 
     def _walked(self, postures: FloatArray, carries: BoolArray) -> Losses:
-        """Losses of a walk on postures (k, nq) with carrying soles (k, 2). It must end on both soles, keep its
-        zero-moment point on those that carry, and each where it touched down."""
+        """Losses of a walk on postures (k, nq) with carrying soles (k, 2). Its zero-moment point is on them; it ends on
+        both."""
         body, slip, shortfall = self._robot.kinematics, 0.0, -np.inf
         if not carries[-1].all():
             return Losses(np.inf, np.inf)

@@ -63,7 +63,7 @@ class _Seen(NamedTuple):
 
 
 class TipWatch:
-    """Detects the fall of one robot. tilt: of its lowest sole to the floor, rad."""
+    """Detects the fall of one robot. tilt: of its lowest sole, rad."""
 
     def __init__(self, robot: RobotBody, *, dt: float) -> None:
         imu = robot.profile.imu
@@ -139,7 +139,7 @@ class TipWatch:
 
 
 def _is_beyond(arms: FloatArray, up: Vector, ahead: Vector, turn: Vector, speed: Vector) -> bool:
-    """True if the capture point is beyond the foremost edge. arms (c, 3): from each corner to the mass, m."""
+    """True if the capture point is beyond the foremost edge. arms (c, 3): from corners to the mass, m."""
     size = sqrt(_dot(ahead, ahead))
     x, y, z = ahead[0] / size, ahead[1] / size, ahead[2] / size
     arm = as_vector(arms[int(matmul(arms, np.array((x, y, z))).argmin())])

@@ -35,7 +35,7 @@ class ArrayFile:
         return key in self.arrays
 
     def floats(self, key: str, *shape: int | None, unknown: bool = False) -> NDArray[np.float64]:
-        """Read numbers of this shape (None: any size). unknown: NaN is allowed. Raises InputError."""
+        """Read numbers of this shape (None: any size). unknown: allows NaN. Raises InputError."""
         values = np.asarray(self._checked(key, "fiu", "numbers", shape), dtype=np.float64)
         bad = ~np.isfinite(values) & ~(unknown & np.isnan(values))
         if bad.any():

@@ -25,8 +25,7 @@ class PerformerSensor(Schema):
     role: Text | None = None
     """Its name at a live sender, if the convention of roles lacks it."""
     beside: Switch = False
-    """It is some centimetres beside its joint (head and wrists); the offset is found while a live performer stands
-    still."""
+    """It is some centimetres beside its joint; the offset is measured while a live performer stands still."""
 
 
 class Performer(Schema):

@@ -1,8 +1,7 @@
 """A priority file: the ordered levels of one stage, each a list of tasks. `configs/priorities/*.yaml`.
 
-Level 1 is never traded for a lower one. `of` names sensors in `reconstruct`, landmarks or frames of the robot in
-`retarget`. Names that are absent in a frame take no part; names that the body lacks are refused unless the task is
-`optional`. A file that `extends` another is an overlay with the differences.
+`of` names sensors in `reconstruct`, landmarks or frames of the robot in `retarget`. Names that are absent in a frame
+take no part; names that the body lacks are refused unless the task is `optional`.
 """
 
 import json
@@ -79,7 +78,7 @@ class Phased(_Weighed):
 
     when: Annotated[tuple[Phase, ...], BeforeValidator(one_or_more), Field(min_length=1)] | None = None
     """Phases of a human's support in which it acts, one or a list; absent: always. Only in the last level, beside a
-    posture, where weights change smoothly."""
+    posture."""
 
 
 class PositionTask(Phased):
@@ -90,22 +89,21 @@ class PositionTask(Phased):
     of: Names
     """Sensors (of a human); landmarks or frames (of a robot). One name or a list."""
     weight: RowWeights = (1.0, 1.0, 1.0)
-    """One number, or one per row x, y, z; a row of weight 0 does not exist."""
+    """One number, or one per row; a row of weight 0 does not exist."""
     per: Literal["metre", "length"] = "metre"
-    """`length`: the weight is [m], for an error as long as the landmark's `robot_length`, and so the same on a small
-    robot."""
+    """`length`: the weight is [m], for an error as long as the landmark's `robot_length`."""
 
 
 class LimbTask(Phased):
-    """Lines from anchors of the robot's profile to its landmarks take the desired length and direction in the world,
-    wherever the anchors are, so arms do not pull the trunk along. Rows are the world's x, y, z."""
+    """Lines from anchors of the robot's profile to its landmarks take the desired length and direction in the world, so
+    arms do not pull the trunk along. Rows are the world's x, y, z."""
 
     type: Literal["limb"]
     """Kind of task."""
     of: Names
-    """Landmarks with one anchor; or `neck`, the line of the trunk from the pelvis to it."""
+    """Landmarks with one anchor; or `neck`, the line to it from the pelvis."""
     weight: Positive = 1.0
-    """[m/rad] Position error that counts as much as one radian of a limb."""
+    """[m/rad] Position error that counts as much as one radian."""
 
 
 class OrientationTask(Phased):
@@ -127,19 +125,19 @@ class AxisTask(Phased):
     of: Names
     """As in a position task."""
     axis: Direction
-    """In the frame named in `of`, of any length."""
+    """In the frame named in `of`."""
     direction: Direction
-    """In the heading frame, z up."""
+    """In the heading frame."""
     lowered: Direction | None = None
-    """Replaces `direction` as the head of a human comes down; absent: it stays."""
+    """Replaces `direction` as the head of a human comes down."""
     bent: Direction | None = None
-    """Replaces it as a human bends over on the way down, with the head ahead of the feet."""
+    """Replaces it as a human bends over on the way down."""
     weight: Positive = 1.0
     """Weight of both rows."""
 
 
 class HeadingTask(Phased):
-    """The left axis of each frame points to the left of the heading estimate; bending forward stays free."""
+    """The left axis of each frame points to the left of the heading estimate."""
 
     type: Literal["heading"]
     """Kind of task."""
@@ -168,23 +166,22 @@ class CentreOfMassTask(Phased):
     type: Literal["centre_of_mass"]
     """Kind of task."""
     mode: Literal["over_root", "over_feet", "support"]
-    """Over the root as in the paper; over the middle of the feet; or inside the support polygon, as inequalities."""
+    """Inside the support polygon by inequalities; the paper has over_root."""
     weight: RowWeights = (1.0, 1.0, 0.0)
     """Weights of x, y, z."""
     forward: Number = 0.0
-    """[m] Offset along the heading, with over_feet."""
+    """[m] Offset along the heading, of over_feet."""
     margin: NotNegative = 0.0
-    """[m] Distance inside the edge, with support."""
+    """[m] Distance inside the edge, of support."""
     moving: Annotated[Positive, Field(le=1.0)] | None = None
-    """With support: share of the polygon, about its middle, for the capture point, and a little more for the
-    zero-moment point; absent: as at rest."""
+    """Share of the polygon for the capture point, and a little more for the zero-moment point, of support; absent: as
+    at rest."""
     fade_speed: Positive | None = None
     """[m/s] The weight falls as 1 / (1 + (v / fade_speed)^4) with the speed v of the body; absent: never."""
 
 
 class StrengthTask(Schema):
-    """Joints of the legs carry no more than their servos can for long, of a robot on two soles (see
-    `retarget.robot.balance`)."""
+    """Joints of the legs carry no more than their servos can for long (see `retarget.robot.balance`)."""
 
     type: Literal["strength"]
     """Kind of task."""
@@ -200,7 +197,7 @@ class PostureTask(_Weighed):
     towards: Name = "attractor"
     """Name of the posture."""
     lowered: Name | None = None
-    """Name of the posture that replaces it as the head comes down; absent: it stays."""
+    """Name of the posture that replaces it as the head comes down."""
     stiffness: Annotated[dict[Name, NotNegative], Field(max_length=300, default_factory=lambda: {"default": 1.0})]
     """Weight by joint or group of joints; `default` is that of all others, and of a free root 0."""
     settle: NotNegative = 0.0
@@ -208,18 +205,17 @@ class PostureTask(_Weighed):
 
 
 class CarriedTask(Phased):
-    """The root of a human follows the sensors that carry it. It leaves their path only slowly, so that balance does not
-    move the whole body at once, as `settle` of a posture does for joints."""
+    """The root of a human follows the sensors that carry it, and leaves their path only slowly, so that balance does
+    not move the whole body at once."""
 
     type: Literal["carried"]
     """Kind of task."""
     by: Annotated[dict[Name, Positive], Field(max_length=32)]
-    """Share of each sensor. The head always carries, the others together less while they fly past it. Only proportions
-    matter; missing sensors take no part."""
+    """Share of each sensor, in proportion. The head always carries, the others together less while they fly past it."""
     settle: Positive
-    """[s] Time constant with which the root leaves that path for a goal of the same weight."""
+    """[s] Time constant with which the root leaves that path."""
     weight: RowWeights = (1.0, 1.0, 1.0)
-    """One number, or one per row x, y, z."""
+    """One number, or one per row."""
 
 
 class ReactiveTask(Schema):
@@ -266,11 +262,10 @@ Task = Annotated[
 
 
 class HeadingSettings(Schema):
-    """Each hint is a vector on the ground; their weighted sum points forward. The defaults, as of `paper`: lines
-    between left and right, hands ahead of the feet, and the velocity of the head."""
+    """Each hint is a vector on the ground; their weighted sum points forward. The defaults are those of `paper`."""
 
     pairs: dict[Name, NotNegative] = Field(default_factory=lambda: {"ankle": 0.5, "wrist": 1.0}, max_length=16)
-    """[1/m] By part with a left and a right sensor: weight of the line between the two."""
+    """[1/m] Weight of the line between a left and a right sensor, by part."""
     hands: NotNegative = 1.0
     """[1/m] Weight of the distance of the hands ahead of the ankles."""
     learned: NotNegative = 0.0
@@ -284,7 +279,7 @@ class HeadingSettings(Schema):
     facing: dict[Name, NotNegative] = Field(
         default_factory=lambda: {"head": 1.0, "chest": 2.0, "pelvis": 2.0}, max_length=16
     )
-    """By sensor with an orientation: weight of its forward axis."""
+    """Weight of the forward axis of a sensor with an orientation."""
     settle: Positive = 0.2
     """[s] Time constant of the low-pass."""
     velocity_settle: Positive = 0.05
@@ -292,8 +287,7 @@ class HeadingSettings(Schema):
 
 
 Steps = Literal["planted", "walk", "follow"]
-"""Behaviour of a robot's feet when its performer walks: stay; walk as well; or, on a robot that hangs, copy the
-performer's."""
+"""Behaviour of a robot's feet when its performer walks."""
 Legs = Literal["free"]
 """Nothing carries the robot, and pelvis and feet are where the performer's are."""
 
@@ -302,8 +296,7 @@ class ObserverSettings(Schema):
     """Observers of the human, and margins of all observers."""
 
     human: Literal["none", "lines", "lines_and_head", "capsules"] = "none"
-    """Observers of a human: none, lines along the limbs, those and a ball for the head, or its own capsules. The
-    profile of a robot has its own."""
+    """Observers of a human: none, lines along the limbs, those and a ball for the head, or its own capsules."""
     influence: Positive = 0.08
     """[m] Influence distance of the human's observers."""
     margin: NotNegative | None = None
@@ -313,31 +306,30 @@ class ObserverSettings(Schema):
 
 
 class DeflectionCompensationSettings(Schema):
-    """Goals that hold a robot on its soles in its posture although its servos deflect (see
-    `retarget.robot.deflection_compensation`)."""
+    """Goals that hold a robot on its soles in its posture although its servos deflect."""
 
     settle: Annotated[Positive, Field(le=1.0)] = 0.02
     """[s] Time constant with which goals follow the load."""
     speed_margin: NotNegative = 0.25
-    """Share by which the load in motion exceeds that of a crouch at rest. It limits planned speeds to what motors reach
-    under that load."""
+    """Share by which the load in motion exceeds that of a crouch; it limits planned speeds to those of motors under
+    that load."""
     soft_limits: Annotated[NotNegative, Field(le=0.5)] = 0.05
-    """[rad] Distance of joints that carry the robot from the ends of their range, as their servos overshoot."""
+    """[rad] Distance of joints that carry the robot from the ends of their range."""
     tracking_delay: Annotated[NotNegative, Field(le=1.0)] = 0.03
     """[s] Allowed delay of the bus: at planned speed the guard accepts a servo that lags by so much more."""
 
 
 class Level(Schema):
-    """Tasks of equal rank. A level without tasks keeps its place and has no effect."""
+    """Tasks of equal rank."""
 
     name: Text
     """For messages and reports."""
     tasks: Annotated[tuple[Task, ...], Field(max_length=32)]
-    """Tasks of equal rank."""
+    """Without tasks the level keeps its place and has no effect."""
 
 
 class Priorities(Schema):
-    """The levels of a stage, as a priority file has them."""
+    """The levels of a stage."""
 
     name: Name
     """Name by which it is chosen."""
@@ -345,7 +337,7 @@ class Priorities(Schema):
     """One line for lists."""
     extends: Text | None = None
     """The base of an overlay: its name (a file beside this one comes first), or its path relative to this file. Keys of
-    the overlay replace those of its base whole. Loaded priorities have none."""
+    the overlay replace those of its base whole."""
     iterations: Annotated[Integer, Field(ge=1, le=100)] = 2
     """Most iterations per frame (the paper's N_IK)."""
     activation: Literal["closest", "all"] = "closest"
@@ -353,21 +345,19 @@ class Priorities(Schema):
     observers: ObserverSettings = ObserverSettings()
     """Observers and margins."""
     heading: HeadingSettings = HeadingSettings()
-    """Weights by which the heading of a performer is found from the sensors."""
+    """Weights of the hints of a performer's heading."""
     deflection_compensation: DeflectionCompensationSettings | None = None
-    """Goals for a robot with mass on its own soles; absent: goals are postures."""
+    """Goals for a robot with mass on its own soles."""
     steps: Steps | None = None
     """Behaviour of the feet when the performer walks: stay; walk as well; or, on a robot that hangs, copy the
     performer's. Absent: they stay, and those of a robot that hangs follow."""
     strategies: Annotated[tuple[Literal["trunk", "crouch"], ...], Field(max_length=2)] = ()
-    """Means by which a robot on its soles gets its hands farther than its arms reach (see `retarget.robot.strategies`);
-    absent: none."""
+    """Means by which a robot on its soles reaches farther than its arms (see `retarget.robot.strategies`)."""
     servo_lead: Annotated[NotNegative, Field(le=2.0)] = 0.0
-    """Free limbs (arms and head, all of a robot that hangs) aim ahead of the desired motion by this share of the lag of
-    their servos."""
+    """Share of the lag of their servos by which free limbs (arms and head, all of a robot that hangs) aim ahead."""
     levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
     """Highest first: a level is never traded for a lower one. In an overlay an entry that is only a name is that level
-    of its base, an entry with tasks replaces or adds a level, and levels that are left out are dropped."""
+    of its base, an entry with tasks replaces or adds a level, and other levels are dropped."""
 
     def tasks(self) -> Iterator[tuple[int, int, Task]]:
         """All tasks with their places: (level, index in the level, task), from 0."""
@@ -382,7 +372,7 @@ def load_priorities(path_or_name: str | Path) -> Priorities:
 
 
 def self_contained(path: Path) -> bytes:
-    """The content of a priority file; an overlay is written out with its bases. Raises ConfigError, OSError."""
+    """The content of a priority file, an overlay written out with its bases. Raises ConfigError, OSError."""
     if scan(read_text(path), path).data.get("extends") is None:
         return path.read_bytes()
     return json.dumps(_merged(path).data, indent=1, ensure_ascii=False).encode()
@@ -492,7 +482,7 @@ FOR_HUMANS = "human, human_clear, paper"  # the shipped priority files of the hu
 
 
 def check_for_human(priorities: Priorities, name: str) -> None:
-    """Raise ConfigError for tasks that name no sensor, and would have no effect. name: of the file, or its path."""
+    """Raise ConfigError for tasks that name no sensor. name: of the file, or its path."""
     wrong = [
         (priorities.levels[level].name, task.of)
         for level, _, task in priorities.tasks()
@@ -512,7 +502,7 @@ def check_for_human(priorities: Priorities, name: str) -> None:
 
 @contextmanager
 def naming_file(name: str, *, robot: str) -> Iterator[None]:
-    """Add the file and the next step to what a robot refuses in a priority file. name: of the file, or its path."""
+    """Add the file and the next step to errors of a robot. name: of the file, or its path."""
     try:
         yield
     except ConfigError as error:

@@ -83,10 +83,8 @@ class Gains(Schema):
 
 
 class Servo(Schema):
-    """The servo of one joint, or in `couplings` one of the two; limits and speeds are the joint's.
-
-    shaft tick = zero_tick + direction * gear * q / (angle of one tick).
-    """
+    """The servo of one joint. shaft tick = zero_tick + direction * gear * q / (angle of one tick). In `couplings` two
+    servos turn two joints, and limits and speeds are the joint's."""
 
     id: ServoId
     """Id on its bus."""
@@ -111,9 +109,9 @@ class Servo(Schema):
     current: Positive | None = None
     """[A] Current limit; absent: the servo's own."""
     mode: Literal["position", "extended_position", "current_based_position"] = "position"
-    """Within one turn; many turns; many turns with the current bounded, which needs `current`."""
+    """Within one turn; many turns; many turns with the current bounded by `current`."""
     homing_offset: Annotated[Integer, Field(ge=-MAX_HOMING_OFFSET, le=MAX_HOMING_OFFSET)] = 0
-    """[tick] Value of the servo's own register; it is part of zero_tick."""
+    """[tick] Value of the servo's own register, a part of zero_tick."""
 
 
 class Stiffness(Schema):
@@ -124,26 +122,25 @@ class Stiffness(Schema):
     range_: Annotated[Interval, Field(alias="range")]
     """[N m/rad] Bounds of the true value; `retarget servo stiffness` measures it."""
     p: Annotated[Register, Field(ge=1)] | None = None
-    """P gain of this stiffness, which is proportional to it; absent: the gain of its servos, which all have the
-    same."""
+    """P gain of this stiffness, which is proportional to it; absent: the common gain of its servos."""
 
 
 class Coupling(Schema):
     """Two joints that their two servos turn together: angles of `joints` = matrix @ shaft angles, rad.
 
-    The shaft angle of a servo is direction * (tick - zero_tick) * (angle of one tick), and its gear is 1. Example, a
-    waist with roll a quarter of the difference and yaw a quarter of the sum: {joints: [roll, yaw], matrix: [[-0.25,
-    0.25], [0.25, 0.25]]}.
+    The shaft angle of a servo is direction * (tick - zero_tick) * (angle of one tick), and its gear is 1. Example:
+    {joints: [roll, yaw], matrix: [[-0.25, 0.25], [0.25, 0.25]]}, where roll is a quarter of the difference and yaw of
+    the sum.
     """
 
     joints: tuple[Name, Name]
     """The two joints; each has an entry in `servos`."""
     matrix: tuple[Row, Row]
-    """Rows: the two joints; columns: their servos, in the same order."""
+    """Rows: the two joints; columns: their servos."""
 
 
 class Power(Schema):
-    """A switch for the servos' power: device `id` of the bus gets `value` at `register` before anything else."""
+    """A switch for the servos' power, which gets `value` at `register` before anything else."""
 
     id: ServoId
     """The device on this bus."""
@@ -165,7 +162,7 @@ class Bus(Schema):
     protocol: Literal[1, 2]
     """Dynamixel protocol of all servos on it."""
     ids: Annotated[tuple[ServoId, ...], Field(min_length=1, max_length=253)]
-    """Every device that is expected to answer, servos and others."""
+    """Every device that is expected to answer."""
     watchdog_s: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=MAX_WATCHDOG)] | None = None
     """[s] Silence after which servos stop by themselves, a multiple of 0.02, 0: never. Absent: 0.1; 0 for protocol 1
     and XL-320, which have none."""
@@ -277,29 +274,27 @@ class Postures(Schema):
     """The robot's own postures: angle by joint, rad; other joints are 0."""
 
     neutral: Posture
-    """[rad] Posture for homing; pairs of links that touch here are dropped."""
+    """[rad] For homing; pairs of links that touch here are dropped."""
     stand: Posture
-    """[rad] Posture in which a run begins."""
+    """[rad] A run begins here."""
     rest: Posture
-    """[rad] Posture in which torque goes off at the end of a run."""
+    """[rad] Torque goes off here at the end of a run."""
     attractor: Posture
-    """[rad] Posture to which free joints are drawn."""
+    """[rad] Free joints are drawn to it."""
     to_rest: Annotated[
         tuple[Literal["neutral", "stand", "rest", "attractor"], ...], Field(min_length=1, max_length=3)
     ] = ("rest",)
-    """Keyframes through which the robot goes to rest, in order; the last is `rest`. Each takes up to 2 s, of a warm
-    robot up to 8 s."""
+    """Keyframes on the way to rest; the last is `rest`. Each takes up to 2 s, of a warm robot up to 8 s."""
     stays_at_rest: bool = False
     """True if the robot lies, sits or leans by itself in `rest` without torque; `retarget check` tries it in
     simulation. Else a robot on its soles ends a run standing, with torque."""
 
 
 class Landmark(Schema):
-    """A robot frame that follows the human, limb by limb.
+    """A robot frame that follows the human.
 
     target = mean of `anchor` + (mean of `follows` - mean of `from`) * robot_length / (human length) + offset, all in
     the heading frame; a pelvis from both ankles to both hips is as high as the leg that bears the performer is long.
-    The human length is the sum of the rest-pose distances along the chain `human_length`.
     """
 
     frame: Name
@@ -307,10 +302,10 @@ class Landmark(Schema):
     follows: Names
     """Human joints whose mean is followed."""
     measured_from: Names = Field(alias="from")
-    """Human joints from whose mean the human limb is measured."""
+    """Human joints at whose mean the human limb begins."""
     anchor: Names
-    """Robot frames from whose mean the robot's limb begins. The trunk carries them; but if the first is the frame of an
-    earlier landmark, the limb begins at its target."""
+    """Robot frames at whose mean the robot's limb begins, carried by the trunk; if the first is the frame of an earlier
+    landmark, the limb begins at its target."""
     robot_length: Positive
     """[m] Distance of `frame` from `anchor` when the human's limb is stretched."""
     human_length: Annotated[
@@ -318,7 +313,7 @@ class Landmark(Schema):
         BeforeValidator(lambda value: [*map(one_or_more, value)] if isinstance(value, list | tuple) else value),
         Field(min_length=2, max_length=10),
     ]
-    """Chain of human joints, or of means of joints, whose rest-pose distances add up to the human's limb."""
+    """Chain of human joints, or of means of joints, whose rest-pose distances add up to the human length."""
     offset: Vector3 = (0.0, 0.0, 0.0)
     """[m] From the robot's counterpart of the human point to `frame`, in the heading frame."""
 
@@ -329,9 +324,9 @@ class SpeedCaps(Schema):
     follow: Share = 1.0
     """While following."""
     approach: Share = 0.2
-    """While it moves to a posture (start, rest) and to the performer."""
+    """While it moves to a posture or to the performer."""
     warm: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.25, le=1)] = 0.5
-    """Share of the speed of following, while a servo is too warm or draws too much."""
+    """Share of `follow` while a servo is too warm or draws too much."""
 
 
 class Safety(Schema):
@@ -340,12 +335,11 @@ class Safety(Schema):
     rate_hz: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=10, le=1000)]
     """[Hz] Ticks of the robot."""
     freshness: Positive
-    """[s] Greatest age of a servo's state, and of a goal since the start of its tick. Beyond it: stop."""
+    """[s] Greatest age of a servo's state, and of a goal since the start of its tick; beyond it: stop."""
     freshness_warn: Positive | None = None
     """[s] From here on: a warning."""
     holds_when_pressed: bool = True
-    """True if the robot holds when currents show contact of an arm or the head; false with a load that the body file
-    lacks."""
+    """True if the robot holds at contact of an arm or the head; false with a load that the body file lacks."""
     speed_caps: SpeedCaps = SpeedCaps()
     """Shares of each servo's max_velocity, kept by stages and gate."""
     temperature_c: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)]
@@ -357,7 +351,7 @@ class Safety(Schema):
     voltage_warn: Interval | None = None
     """[V] Outside: a warning."""
     following_error: Positive
-    """[rad] Largest distance between goal and present position; beyond it: stop."""
+    """[rad] Largest error of a position; beyond it: stop."""
     following_error_sustained: Positive | None = None
     """[rad] A smaller one that stops only after following_error_s."""
     following_error_s: Annotated[Positive, Field(le=10)] = 0.2

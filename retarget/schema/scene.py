@@ -1,8 +1,8 @@
-"""A scene file: obstacles near the robot. `configs/scenes/*.yaml`.
+"""A scene file: obstacles near the robot. `configs/scenes/*.yaml`. SI units.
 
-`world` is the world of the run: of a robot the ground between its soles at the start, x forward, y left, z up; of the
-virtual human the performer's. `stand` is fixed to the mount of a fixed or suspended root, or to the ground between the
-soles at the start. Time 0 is the beginning of the clip; before it, obstacles rest. SI units.
+`world` has its origin between the robot's soles at the start, x forward, z up; for the virtual human it is the
+performer's. `stand` is fixed to the mount of the base, or equals `world` at the start. Time 0 is the beginning of the
+clip; before it, obstacles rest.
 """
 
 from collections.abc import Iterable
@@ -93,7 +93,7 @@ class Obstacle(Schema):
     margin: Distance = 0.01
     """[m] Distance that they keep."""
     ground: Switch = False
-    """The robot stands on it: its soles do not keep away from it, everything else does."""
+    """The robot stands on it: its soles do not keep away from it."""
     velocity: tuple[Speed, Speed, Speed] | None = None
     """[m/s] Velocity of the obstacle's origin, along the axes of `frame`."""
     angular_velocity: tuple[Turn, Turn, Turn] | None = None
@@ -264,9 +264,9 @@ def _separation(a: PathPoint, b: PathPoint) -> tuple[float, float]:
 
 FLOOR = "floor"  # the obstacle on which a robot with feet stands, in every scene
 FLOOR_MARGIN_M = 0.005
-"""[m] Distance of all but soles from the floor: deflection of servos under load, and the skin of a hand."""
+"""[m] Distance of all but soles from the floor: deflection under load, and the skin of a hand."""
 FLOOR_INFLUENCE_M = 0.05
-"""[m] Distance at which observers begin to yield to the floor, as those of the shipped robots do to each other."""
+"""[m] As of observers of the shipped robots to each other."""
 
 
 class Scene(Schema):

@@ -24,7 +24,7 @@ from retarget.schema.profile_parts import ServoId, Tick
 from retarget.schema.strict_models import Integer, Name, Number, Schema, read_model, unknown_name
 from retarget.schema.strict_yaml import Document, KeyPath, dump
 
-OPTION = "calibration"
+CALIBRATION_OPTION = "calibration"
 STEP = "Was it made with another robot or profile? Remove the file, or home the robot anew: retarget servo home"
 Day = Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
 
@@ -74,10 +74,10 @@ def write_calibration(calibration: ServoCalibration, path: Path | None = None) -
     comment = "Which tick each servo of this one robot reads at angle, rad. Written by: retarget servo home"
     content = dump(calibration.model_dump(exclude_defaults=True), comment=comment).encode()
     if path is not None:
-        write_atomic(path, content, option=OPTION)
+        write_atomic(path, content, option=CALIBRATION_OPTION)
         return path
     path = calibration_path(calibration.robot)
-    write_own(path, content, option=OPTION)
+    write_own(path, content, option=CALIBRATION_OPTION)
     return path
 
 
