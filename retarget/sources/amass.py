@@ -133,7 +133,7 @@ def _rate(file: ArrayFile) -> float:
     return check_rate(round(float(values[0]), 3), f"{file.source}: {name}")
 
 
-SEGMENTS: Mapping[str, str] = MappingProxyType({"ankle": "knee", "wrist": "elbow"})
+MARKED_SEGMENTS: Mapping[str, str] = MappingProxyType({"ankle": "knee", "wrist": "elbow"})
 """Ends -> starts of the segments with markers at both ends."""
 
 
@@ -170,7 +170,7 @@ def _measured(file: ArrayFile, *, unit: float) -> dict[str, float]:
     columns = {split[1]: column for column, label in enumerate(labels) if (split := split_label(label, known))}
     groups = groups_in(columns)
     found: dict[str, float] = {}
-    for end, start in SEGMENTS.items():
+    for end, start in MARKED_SEGMENTS.items():
         for side in "lr":
             near, far = f"{side}_{start}", f"{side}_{end}"
             if near in groups and far in groups:

@@ -33,8 +33,8 @@ TOES_ALIGNED = 0.3
 """Least mean cosine between feet and forward that shows it: feet turn out by up to 60 degrees (0.5), and more in side
 steps."""
 KNEES_FORWARD, KNEES_BACK = 0.02, -0.07
-"""Mean bend of a knee to the front, as a share of the leg, above which forward is right, and below which it is
-reversed. Healthy knees overstretch by up to 10 degrees (-0.04)."""
+"""Mean bend of a knee to the front, as a share of the leg, that shows forward, or the reverse: knees overstretch by up
+to 10 degrees (-0.04)."""
 
 
 def named_axis(name: str) -> FloatArray:
@@ -70,11 +70,9 @@ def world_axes(
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """World axes (3, 3) of a recording as rows forward, left, up, each along a file axis, and notes for the user.
 
-    `position @ axes.T` is the recording in the world; the determinant is -1 if the file is mirrored.
-
-    tracks: canonical joints or sensors (T, 3) in file axes, NaN where lost. declared (3,): the up axis of the file,
-    None if not stated. declared_by: its source, for notes. default (3,): the up axis if neither file nor body shows it.
-    chosen (3,): the user's up axis.
+    `position @ axes.T` is the recording in the world; the determinant is -1 if the file is mirrored. tracks: canonical
+    joints or sensors (T, 3) in file axes, NaN where lost. declared (3,): the up axis of the file by `declared_by`, None
+    if not stated. default (3,): the up axis if neither file nor body shows it. chosen (3,): the user's up axis.
     """
     stands = _standing_axis(tracks)
     notes: tuple[str, ...] = ()

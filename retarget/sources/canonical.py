@@ -131,7 +131,7 @@ def joint_frames(
     """Sensors and joints of canonical joints (T, 3) without orientations, in file axes and units, NaN where lost.
 
     declared (3,): the file's up axis. unit: metres per file unit. stature: of the performer, m; it overrules the unit.
-    up (3,): the user's up axis. Bones have their median lengths. Raises InputError if a needed joint is missing.
+    up (3,): the user's up axis. Raises InputError if a needed joint is missing.
     """
     world, axis_notes = world_axes(tracks, declared=declared, default=declared, chosen=up)
     names = tuple(name for name in JOINTS if name in tracks)

@@ -39,9 +39,9 @@ from retarget.sources.skeletons import JointPoses, JointTree
 from retarget.types import FloatArray
 
 Index = Annotated[int, Field(ge=0, le=2**31)]
-Number = Annotated[float, Field(allow_inf_nan=False, ge=-MAX_VALUE, le=MAX_VALUE)]
-Triple = tuple[Number, Number, Number]
-Four = tuple[Number, Number, Number, Number]
+FiniteNumber = Annotated[float, Field(allow_inf_nan=False, ge=-MAX_VALUE, le=MAX_VALUE)]
+Triple = tuple[FiniteNumber, FiniteNumber, FiniteNumber]
+Four = tuple[FiniteNumber, FiniteNumber, FiniteNumber, FiniteNumber]
 
 
 class _Part(BaseModel):
@@ -56,7 +56,7 @@ class _Node(_Part):
     translation: Triple = (0.0, 0.0, 0.0)
     rotation: Four = (0.0, 0.0, 0.0, 1.0)
     scale: Triple = (1.0, 1.0, 1.0)
-    matrix: Annotated[tuple[Number, ...], Field(min_length=16, max_length=16)] | None = None
+    matrix: Annotated[tuple[FiniteNumber, ...], Field(min_length=16, max_length=16)] | None = None
 
 
 class _Target(_Part):
@@ -143,8 +143,7 @@ JSON_CHUNK, BIN_CHUNK = 0x4E4F534A, 0x004E4942
 
 @dataclass(eq=False)
 class _File:
-    """binary: bytes of the second chunk, empty without one. buffers, values: read so far. taken: bytes of these
-    values."""
+    """binary: the second chunk, empty without one. buffers, values: read so far. taken: bytes of these values."""
 
     path: Path
     document: _Document
@@ -248,7 +247,7 @@ def _beside(file: _File, name: str, part: str) -> Path:
 
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
-"""Number types by their codes."""
+"""FiniteNumber types by their codes."""
 ELEMENT_NUMBERS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 """Numbers of an element by type."""
 MAX_VALUES_BYTES = 2 * MAX_FILE_BYTES
@@ -312,7 +311,7 @@ KEY_ROUNDING = 1e-6
 """Share of its time (s, at least 1) by which a key may be late: keys are in single precision."""
 NEAR_ZERO = 1e-6
 """Length of an interpolated quaternion below which it is rounding error, no rotation."""
-MAX_POSES = 5_000_000
+MAX_JOINT_POSES = 5_000_000
 """Most joint poses in all frames: as many as a BVH of the largest size holds."""
 
 
@@ -393,10 +392,10 @@ def _clock(file: _File, tracks: Collection[_Track], joints: int, rate: float | N
     count = (end - start) * check_rate(rate, "--rate") * (1.0 + SAME_RATE)
     frames = int(min(count, MAX_FRAMES)) + 1
     check_frame_count(frames, str(file.path))
-    if frames * joints > MAX_POSES:
+    if frames * joints > MAX_JOINT_POSES:
         found = f"{frames} frames of {joints} joints"
         raise file.error(
-            "too long", "animations", found=found, allowed=f"{MAX_POSES} poses", next_step="Cut it into parts"
+            "too long", "animations", found=found, allowed=f"{MAX_JOINT_POSES} poses", next_step="Cut it into parts"
         )
     return start + np.arange(frames) / rate, rate
 
@@ -407,7 +406,7 @@ EVEN = 0.01
 
 @dataclass(frozen=True, eq=False)
 class _Joints:
-    """Nodes (n) that are joints, parents first. parents (n): indices, -1 for the root."""
+    """Nodes (n) that are joints, parents first. parents (n): -1 for the root."""
 
     nodes: list[int]
     names: tuple[str, ...]

@@ -32,7 +32,7 @@ Groups = Mapping[str, tuple[tuple[str, ...], ...]]
 """Sensor -> groups of marker names in upper case, best first."""
 MARKER_GROUPS: Groups = {name: _GROUPS[name] for name in SENSORS if name in _GROUPS}
 LABEL_CHARACTERS = 64
-"""Characters of the longest label that is shown, and of one in the user's table."""
+"""Characters of the longest label."""
 
 Label = Annotated[Text, Field(max_length=LABEL_CHARACTERS)] | Annotated[int, Field(ge=1, le=MAX_POINTS)]
 

@@ -48,10 +48,11 @@ JOINTS_KEY = "global_joint_positions"
 JOINT_KEYS = frozenset((JOINTS_KEY, "height", "fps", "joint_names"))
 KIMODO_KEYS = frozenset(("posed_joints", "global_rot_mats"))
 """Arrays that are read."""
-LAYOUTS = (
+KNOWN_LAYOUTS = (
     "poses, trans and mocap_framerate (AMASS); root_orient, pose_body and trans (AMASS stageii); global_orient, "
     "body_pose and transl (SMPL); global_joint_positions (joints); posed_joints and global_rot_mats (Kimodo)"
 )
+"""Arrays of each layout, for messages."""
 KIMODO_RATE_HZ = 30.0
 """Rate, Hz, of Kimodo's motions, which do not state it."""
 SMPL_COUNTS = (22, 24, 52, 55)
@@ -99,7 +100,7 @@ def _keys_to_read(names: Collection[str], path: Path) -> Collection[str]:
         "arrays of no known motion",
         where=str(path),
         found=found,
-        allowed=LAYOUTS,
+        allowed=KNOWN_LAYOUTS,
         next_step="Rename the arrays to one of these",
     )
 

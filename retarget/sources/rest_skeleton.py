@@ -101,7 +101,7 @@ face a tenth."""
 
 
 def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, CanonicalJoint], tuple[str, ...]]:
-    """Canonical joints of a tree, by name or else by shape, and notes. Raises InputError if neither fits."""
+    """Canonical joints of a tree, by name or else by shape, and notes. Raises InputError."""
     notes: list[str] = []
     found = joints_by_name(tree.names)
     if found is None or not _is_body(tree, found):
@@ -266,7 +266,7 @@ ALONG_AXIS = 0.97
 """Cosine (14 degrees) from which a rest direction is taken as an axis: the head of a straight body is up to 10 degrees
 ahead."""
 MAX_UPRIGHT_FRAMES = 2000
-"""Most frames among which the most upright is searched: one per 0.8 s of 28 minutes, and a pose is held longer."""
+"""Most frames among which the most upright is searched: one per 0.8 s of 28 minutes."""
 
 
 @dataclass(frozen=True)
@@ -343,7 +343,7 @@ def find_rest_skeleton(
 
 
 def _at_frame(rest: RestSkeleton, row: int, *, front: float, where: str) -> RestSkeleton:
-    """The same motion with the pose of frame `row` as the zero pose of the tree."""
+    """The same motion with frame `row` as the zero pose."""
     tree, pose = rest.tree, rest.pose
     turn = pose.orientation[row]
     above = np.array([turn[parent] if parent >= 0 else rotations.IDENTITY for parent in tree.parents])

@@ -79,7 +79,7 @@ MOST_PREFIXES = 5
 
 
 def _matches(names: tuple[str, ...]) -> list[tuple[str, dict[str, int]]]:
-    """Each family with its joints that occur, for each prefix that the joint names may share."""
+    """Each family with its joints that occur, for each common prefix."""
     plain = [re.sub(r"[\s._\-]", "", name.rsplit(":", 1)[-1]).lower() for name in names]
     words = {option for style in STYLES.values() for joint in REQUIRED for option in style.get(joint, ())}
     prefixes = Counter(name.removesuffix(word) for name in plain for word in words if name.endswith(word))
@@ -221,7 +221,7 @@ MIDDLE = 0.04
 """Greatest distance of a middle leaf (the head) from the middle plane, in the same share."""
 
 STRAIGHT_UP = 0.8
-"""Least cosine between the vertical and the line from the head joint to a leaf that is its top, not an eye."""
+"""Least cosine between the vertical and the line from the head joint to its top: eyes are below."""
 SHOULDER = 0.1
 """Least distance of a shoulder from the middle plane, in the same share: nearer joints are collars."""
 
@@ -281,7 +281,7 @@ SIDE_WORDS = {
     1: "l left links linker linke linkes gauche izquierda izquierdo izq sinistra sinistro sx esquerda esquerdo lewa",
     -1: "r right rechts rechter rechte rechtes droite droit derecha derecho destra destro dx direita direito prawa",
 }
-"""Words in joint names of the left (1) and of the right (-1)."""
+"""Words in joint names: 1 of the left, -1 of the right."""
 _SIDE_OF = {word: side for side, words in SIDE_WORDS.items() for word in words.split()} | {"左": 1, "右": -1}
 _WORD = re.compile(r"[左右]|[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 

@@ -46,7 +46,7 @@ MAX_PIXELS = 16_384
 """Largest width and height of a picture."""
 FARTHEST_M = 5.0
 """Largest distance of a landmark from the hips, and from the picture in picture sizes."""
-_KEYS = {"axes", "time", "frame", "size", "landmarks"}
+_CAMERA_KEYS = {"axes", "time", "frame", "size", "landmarks"}
 
 NOSE, EARS, SHOULDERS, ELBOWS, WRISTS = 0, [7, 8], [11, 12], [13, 14], [15, 16]
 HIPS, KNEES, ANKLES = [23, 24], [25, 26], [27, 28]
@@ -70,7 +70,7 @@ class Landmarks:
 
 
 def _landmarks(message: Mapping[str, Any]) -> Landmarks:
-    if not message.keys() <= _KEYS:
+    if not message.keys() <= _CAMERA_KEYS:
         raise UnusableDatagram("a key other than axes, time, frame, size, landmarks")
     time: Any = message.get("time")
     number, size = message.get("frame"), message.get("size")
@@ -303,14 +303,14 @@ CAMERA_SENSORS = (
     *("l_knee", "r_knee", "l_elbow", "r_elbow"),
 )
 """Names of the poses of every frame."""
-_FEET = (*SHOULDERS, *HIPS, *ANKLES)
+_WHOLE_BODY = (*SHOULDERS, *HIPS, *ANKLES)
 _NEEDED: Mapping[str, tuple[int, ...]] = {
     "head": (NOSE, *SHOULDERS),
-    "pelvis": _FEET,  # its height needs the feet
+    "pelvis": _WHOLE_BODY,  # its height needs the feet
     "chest": tuple(SHOULDERS),
-    "l_ankle": _FEET,
-    "r_ankle": _FEET,
-    **{f"{side}_knee": (*_FEET, knee) for side, knee in zip("lr", KNEES, strict=True)},
+    "l_ankle": _WHOLE_BODY,
+    "r_ankle": _WHOLE_BODY,
+    **{f"{side}_knee": (*_WHOLE_BODY, knee) for side, knee in zip("lr", KNEES, strict=True)},
     **{f"{side}_elbow": (*SHOULDERS, elbow) for side, elbow in zip("lr", ELBOWS, strict=True)},
     **{f"{side}_wrist": (*SHOULDERS, *arm) for side, arm in zip("lr", zip(ELBOWS, WRISTS, strict=True), strict=True)},
 }

@@ -32,11 +32,11 @@ TYPES = {int(kind): content for kind, content in TABLES["mvn_types"].items()}
 MAX_NAME_BYTES = 64
 """Bytes of the longest name of a segment."""
 MAX_SEGMENTS = 255
-"""Segments of a character, props and fingers included: MVN counts them in a byte."""
+"""Segments of a character: MVN counts them in a byte."""
 
 _HEADER = struct.Struct(">4s2sIBBIBBBB2sH")
 _COUNT = struct.Struct(">I")
-_ORIGIN = struct.Struct(">3f")
+_POINT = struct.Struct(">3f")
 HEADER_BYTES = _HEADER.size
 
 
@@ -92,8 +92,8 @@ def read_scale(payload: bytes) -> tuple[tuple[str, ...], FloatArray] | None:
             if length > MAX_NAME_BYTES:
                 return None
             names.append(payload[at + _COUNT.size : end].decode("utf-8").rstrip("\0"))
-            origins.append(_ORIGIN.unpack_from(payload, end))
-            at = end + _ORIGIN.size
+            origins.append(_POINT.unpack_from(payload, end))
+            at = end + _POINT.size
     except (struct.error, UnicodeDecodeError):
         return None
     return tuple(names), np.array(origins, float).reshape(count, 3)
@@ -145,7 +145,7 @@ TALL = 10.0
 LARGEST = 1000.0
 """Largest coordinate of an origin of a T-pose, even in centimetres."""
 TALL_SAMPLES = 5
-"""Tall samples in a row that change the unit: one damaged sample must not shrink the performer."""
+"""Tall samples in a row that change the unit: one damaged sample must not."""
 
 
 @dataclass(frozen=True, eq=False)

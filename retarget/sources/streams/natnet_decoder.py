@@ -42,8 +42,6 @@ from retarget.types import BoolArray, FloatArray
 
 _Key = tuple[Owner, int, int]
 """A pose: kind and number of its owner, and its own number there."""
-
-
 _Named = TypeVar("_Named", BodyDefinition, GroupDefinition)
 
 
@@ -64,12 +62,12 @@ def _within(number: int, owner: Owner) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosePlan:
-    """Plan of the k poses that are kept, made when the ids change. rows (k,) of the frame, None if all. doubled,
-    surplus: counts of rows left out. bones: (row, parent row) among the rows kept, parents first. lost: rows of bones
-    with unknown parents."""
+    """Plan of the k poses that are kept, made when the ids change. rows (k,): of the frame. doubled, surplus: counts of
+    rows left out. bones: (row, parent row) among the rows kept, parents first. lost: rows of bones with unknown
+    parents."""
 
     names: tuple[str, ...]
-    rows: NDArray[np.intp] | None
+    rows: NDArray[np.intp]
     doubled: int
     surplus: int
     all_defined: bool
@@ -120,7 +118,7 @@ def plan_poses(
             del waiting[row]
     return PosePlan(
         names=tuple(text for text, *_ in kept),
-        rows=None if len(kept) == len(found) else np.array(rows, np.intp),
+        rows=np.array(rows, np.intp),
         doubled=len(found) - len(first),
         surplus=len(first) - len(kept),
         all_defined=all(is_defined for _, _, is_defined, _ in kept),
@@ -179,13 +177,13 @@ def rest_skeleton(group: GroupDefinition, axes: Convention) -> Skeleton | None:
     return Skeleton(names, matmul(position, np.array([[y, x, 0.0], [-x, y, 0.0], [0.0, 0.0, 1.0]])))
 
 
-CUT_SHORT = "shorter than its header says"
+DATAGRAM_CUT_SHORT = "shorter than its header says"
 STRANGE = "not a message of a NatNet server"
 BAD_FRAME = "frame that fits no known version"
 BAD_DEFINITIONS = "model definitions that fit no known version"
 BAD_SERVER = "ServerInfo too short"
 DOUBLED = "pose of a name that the frame had already"
-TOO_MANY = "pose beyond the most that are taken"
+SURPLUS_POSE = "pose beyond the most that are taken"
 NO_POSE = "pose that is not finite, not in a room, or not a rotation"
 NO_PARENT = "bone whose parents are not known"
 
@@ -240,7 +238,7 @@ class NatnetDecoder:
             return self._drop(TOO_LONG)
         parts = split(datagram)
         if parts is None:
-            return self._drop(CUT_SHORT)
+            return self._drop(DATAGRAM_CUT_SHORT)
         kind, payload = parts
         if kind == MessageId.FRAME:
             frame = self._read(payload)
@@ -283,9 +281,8 @@ class NatnetDecoder:
             self._plan = (key, plan_poses(self._definitions, frame.groups, records["id"].tolist()))
         plan = self._plan[1]
         self.dropped.note(DOUBLED, plan.doubled)
-        self.dropped.note(TOO_MANY, plan.surplus)
-        if plan.rows is not None:
-            records = records[plan.rows]
+        self.dropped.note(SURPLUS_POSE, plan.surplus)
+        records = records[plan.rows]
         tracked = (records["flags"] & 1).astype(np.bool_)
         with np.errstate(invalid="ignore"):  # signalling NaNs from the wire
             poses = records["pose"].astype(np.float64)

@@ -25,13 +25,13 @@ from retarget.sources.streams.natnet_wire import (
 NEWEST = Version(4, 255)
 """Last bitstream that is read."""
 UNNAMED_S = 5.0
-"""Time, s, between two requests for names that the last answer lacked."""
+"""Time, s, between requests for names that the last answer lacked."""
 RETRY_S = 1.0
 """Time, s, between unanswered requests."""
 KEEP_ALIVE_S = 1.0
 """Time, s, between keep-alive messages to a unicast server."""
 SILENCE_S = 2.0
-"""Time, s, without frames after which the session connects again."""
+"""Time, s, without frames before the session connects again."""
 
 
 class NatnetSession:

@@ -151,7 +151,7 @@ class Owner(Enum):
 
 
 _POSITION, _LABELLED_MARKER = 12, 26
-_CHANNELS = (4, _Counted(_Counted(4)))
+_FORCE_CHANNELS = (4, _Counted(_Counted(4)))
 """A force plate or device: id, channels of floats."""
 
 _BLOCKS: tuple[tuple["Owner | _Item", Version], ...] = (
@@ -161,8 +161,8 @@ _BLOCKS: tuple[tuple["Owner | _Item", Version], ...] = (
     (Owner.SKELETON, OLDEST),
     (Owner.ASSET, SIZED_SINCE),
     (_LABELLED_MARKER, OLDEST),
-    (_CHANNELS, OLDEST),  # force plates
-    (_CHANNELS, OLDEST),  # devices
+    (_FORCE_CHANNELS, OLDEST),  # force plates
+    (_FORCE_CHANNELS, OLDEST),  # devices
 )
 """Blocks of a frame, and the version since which they exist. Poses are kept, other items are skipped. Records of one
 size must fit the size of the block."""
@@ -194,7 +194,7 @@ _SHORTEST = 4 + 7 * 4 + _PLAIN_SUFFIX.size
 
 
 class FrameFlags(IntFlag, boundary=CONFORM):
-    """Bits of a frame as Motive sets them; unknown ones are dropped, because each new value would stay in memory."""
+    """Bits of a frame as Motive sets them; others are dropped, because each new value would stay in memory."""
 
     RECORDING = 1
     DEFINITIONS_CHANGED = 2
@@ -221,7 +221,6 @@ class FrameOfData:
     poses: bytes
     timestamp: float
     mid_exposure: int
-    flags: FrameFlags
     surplus: int
 
 
@@ -290,7 +289,7 @@ def read_frame(payload: bytes, version: Version) -> FrameOfData | None:
                 cursor.skip(content, count)
             if sized:
                 _end(cursor, end)
-        _, _, timestamp, mid_exposure, *_, flags, _ = cursor.unpack(_SIZED_SUFFIX if sized else _PLAIN_SUFFIX)
+        _, _, timestamp, mid_exposure, *_ = cursor.unpack(_SIZED_SUFFIX if sized else _PLAIN_SUFFIX)
     except (_Malformed, struct.error):
         return None
     return FrameOfData(
@@ -299,7 +298,6 @@ def read_frame(payload: bytes, version: Version) -> FrameOfData | None:
         poses=b"".join(poses),
         timestamp=timestamp,
         mid_exposure=mid_exposure,
-        flags=FrameFlags(flags),
         surplus=len(payload) - cursor.at,
     )
 

@@ -133,7 +133,6 @@ def _element(data: bytes, start: int, end: int, depth: int, packet: OscPacket) -
 
 
 def _message(data: bytes, start: int, end: int, packet: OscPacket) -> OscMessage:
-    """Address, type tags, arguments; bytes after the last argument are ignored."""
     if data[start] != 0x2F:
         raise _Unreadable(NO_ADDRESS)
     address, at = _text(data, start, end)
@@ -167,7 +166,7 @@ def _message(data: bytes, start: int, end: int, packet: OscPacket) -> OscMessage
 
 
 def _text(data: bytes, at: int, end: int) -> tuple[str, int]:
-    """A text with a NUL at its end, padded to four bytes, and the byte after it."""
+    """A text with a NUL at its end, and the byte after its padding to four."""
     zero = data.find(b"\0", at, end)
     if zero < 0:
         raise _Unreadable(CUT_SHORT)
@@ -198,7 +197,7 @@ class OscNumbers:
             self._words = np.array([at // 4 for _, at in self._numbers], np.intp)
 
     def read(self, datagram: bytes) -> FloatArray:
-        """The numbers (n,). A signalling NaN raises no warning."""
+        """The numbers (n,)."""
         if self._words is None:
             return np.array([number_in(datagram, number) for number in self._numbers])
         with np.errstate(invalid="ignore"):
