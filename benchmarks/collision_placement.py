@@ -137,7 +137,7 @@ def scene_clearance(body: BodyFile, part: MovingGeoms, scene: SceneState, times:
     both, closest = among_obstacles(*scene_model(body, scene.shapes), part, scene, times), ClosestPairs(())
     pairs = pairs + np.array([len(scene.shapes.names), 0])
     closest.look(both.distances(pairs), both.bounds(pairs), len(part.position))
-    return closest.found.smallest
+    return closest.smallest
 
 
 def write_scene(obstacles: tuple[Obstacle, ...], path: Path, *, scale: float = 1.0) -> Path:

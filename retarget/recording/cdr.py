@@ -1,8 +1,7 @@
 """ROS 2 messages of fixed size as NumPy rows, so that all messages of a topic are filled and read without a loop.
 
-Within one recording a message keeps its size, because names and counts are constant. Its CDR encoding (OMG DDS-XTypes
-1.3, 7.4.3, plain CDR, little-endian) is then a structured dtype. It follows from the message's definition
-(`ros2_messages.txt`, in the form `ros2msg`).
+Names and counts of a message are constant within a recording. Its CDR encoding (OMG DDS-XTypes 1.3, 7.4.3, plain CDR,
+little-endian) is then a structured dtype, which follows from the definition in `ros2_messages.txt`.
 """
 
 import json
@@ -18,12 +17,12 @@ from numpy.typing import NDArray
 Rows = NDArray[Any]
 """A structured array with one row per message."""
 Given = Mapping[str, int | str | tuple[str, ...]]
-"""Constants of a message by field: the length of a sequence, a text, or texts or element names."""
+"""Constants of a message by field: the length of a sequence, a text, or element names."""
 
 HEADER = b"\x00\x01\x00\x00"
 """Plain CDR, little-endian."""
 CALLED = {"transform": "pose"}
-"""Fields whose published layout has another name than the definition."""
+"""Fields with another name in our layouts."""
 _KEYS = ("names", "formats", "offsets", "itemsize")
 _SIZES = {"bool": "?", "uint8": "u1", "int8": "i1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
 
@@ -34,12 +33,10 @@ _OWN = {name: text for name, _, text in (part.removeprefix("MSG: ").partition("\
 
 
 def _fields(name: str) -> list[tuple[str, str]]:
-    """Type and name of each field of a message, without its constants."""
     return [(kind, field) for kind, field in (line.split() for line in _OWN[name].splitlines()) if "=" not in field]
 
 
 def _made_of(name: str) -> dict[str, None]:
-    """The messages that one is made of, itself first, each once."""
     names = {name: None}
     for kind, _ in _fields(name):
         names |= _made_of(kind.removesuffix("[]")) if kind.removesuffix("[]") in _OWN else {}
@@ -47,18 +44,15 @@ def _made_of(name: str) -> dict[str, None]:
 
 
 def schema(name: str) -> str:
-    """The definition of a message by its full name, followed by those of its parts. docs/results.md explains the
-    fields."""
+    """The definition of a message by its full name, followed by those of its parts."""
     own, *others = _made_of(name.replace("/msg/", "/"))
     return _OWN[own] + "".join(f"{_LINE}MSG: {other}\n{_OWN[other]}" for other in others)
 
 
 @dataclass(frozen=True, eq=False)
 class CdrLayout:
-    """The bytes of one message. dtype: its fields; template: a message with all fields 0.
-
-    description: the dtype as JSON for `numpy.dtype`, which the file holds for its reader.
-    """
+    """The bytes of one message. dtype: its fields; template: a message of zeros; description: the dtype as JSON, for
+    readers of the file."""
 
     dtype: np.dtype[Any]
     template: bytes
@@ -98,14 +92,13 @@ def _numbers(kind: str) -> tuple[str, int]:
 
 
 class _Draft:
-    """A message that is laid out field by field. fields: name, format and offset of each."""
+    """A message in the making. fields: name, format and offset of each."""
 
     def __init__(self, given: Given) -> None:
         self.data, self.fields = bytearray(HEADER), list[tuple[str, str, int]]()
         self._given = given
 
     def add_all(self, message: str, before: str) -> None:
-        """Add all fields of a message. before: prefix of their names."""
         for kind, name in _fields(message):
             self._add(kind.removesuffix("[]"), before + CALLED.get(name, name), many=kind.endswith("[]"), before=before)
 

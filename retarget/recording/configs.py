@@ -24,12 +24,8 @@ ANOTHER = "Say which robot is meant: --robot NAME|FILE"
 
 @dataclass(frozen=True, eq=False)
 class Configs:
-    """The configuration of a recorded run, to be run again.
-
-    options: they name the files that are used. robot: None for a human alone. notes: files that have changed since, and
-    those that are used, one sentence each. attached: names of the files taken from the recording, which exist only in
-    the context.
-    """
+    """The configuration of a recorded run. robot: None for a human alone. notes: changed files, and those that are
+    used, one sentence each. attached: files taken from the recording, which exist only in the context."""
 
     options: RunOptions
     robot: RobotBody | None
@@ -46,7 +42,7 @@ class Configs:
 def as_recorded(
     recording: Recording, *, options: RunOptions | None = None, robot: str | None = None, body: Path | None = None
 ) -> Iterator[Configs]:
-    """Every file as it was, from its place if it is unchanged, else from the recording, while the context lasts.
+    """The configuration of a recording, in a context: unchanged files from their place, others from the recording.
 
     options: of the recording, or with another bus. robot: name or path of a present robot to use instead. body: the
     robot's body file to use instead. Raises RetargetError where a file is missing or invalid in this version.
@@ -93,13 +89,13 @@ class _Files:
         if content is None or PurePosixPath(name).name != name:
             of_robot = name in (PROFILE, CALIBRATION) or name.startswith("body.")
             raise InputError(
-                "a file of the recorded run is not there any more, and not in the recording",
+                "a file of the recorded run is missing, and not in the recording",
                 where=str(self.recording.path),
                 found=f"no {name}" + (f", which was {then}" if then else ""),
                 next_step="Put it back" + (f"; or {ANOTHER[0].lower()}{ANOTHER[1:]}" if of_robot else ""),
             )
         if then is not None and then.exists():
-            self.notes.append(f"{name} is another one now, {then}: the one of then is used")
+            self.notes.append(f"{name} has changed since, {then}: the recorded one is used")
         self.attached.add(name)
         path = self._folder / name
         path.write_bytes(content)
@@ -111,11 +107,10 @@ class _Files:
         if path is None or not path.is_file():
             return self.place(name)
         if not self.unchanged(name, path):
-            self.notes.append(f"{name} is another one now, {path}: it is used")
+            self.notes.append(f"{name} has changed since, {path}: the present one is used")
         return str(path)
 
     def unchanged(self, name: str, path: Path) -> bool:
-        """True if a file has the recorded content."""
         entry = self.recorded.get(name)
         try:
             if not path.is_file() or path.stat().st_size > MAX_BYTES:
@@ -126,7 +121,6 @@ class _Files:
 
 
 def _with_priorities(files: _Files, options: RunOptions, robot: RobotBody | None, *, present: bool) -> Configs:
-    """The configuration with the recorded priorities, or those of a present robot."""
     last = PRIORITIES_OF.format("human" if robot is None else "robot")
     if options.priorities is not None or not present:
         options = replace(options, priorities=files.place(last))
@@ -139,13 +133,12 @@ def _with_priorities(files: _Files, options: RunOptions, robot: RobotBody | None
 
 
 def _changes(files: _Files, options: RunOptions, robot: RobotBody) -> Iterator[str]:
-    """Yield the changes from the recorded files to those of a present robot, in words."""
     now = {file.name: file for file, _ in config_files(options, robot)}
     for name in (name for name in {**files.recorded, **now} if name in now or name == CALIBRATION):
         if name not in now:
-            yield f"{name}: there is none now"
+            yield f"{name} is missing now"
         elif name not in files.recorded:
-            yield f"{name}: there was none then: {now[name].path}"
+            yield f"{name} is new: {now[name].path}"
         elif now[name].sha256 != files.recorded[name].sha256:
             yield f"{name} has changed: {now[name].path}"
 
@@ -165,5 +158,5 @@ def _robot_of_then(files: _Files, options: RunOptions, body: Path | None) -> Rob
         more = f", and {len(error.problems) - 1} more" if len(error.problems) > 1 else ""
         where = str(files.recording.path)
         raise InputError(
-            "the robot of then cannot be used", where=where, found=first + more, next_step=ANOTHER
+            "the recorded robot cannot be used", where=where, found=first + more, next_step=ANOTHER
         ) from error

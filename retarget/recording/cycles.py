@@ -1,5 +1,4 @@
-"""The cycles of a recording: one row for each tick, with its input, its goal and its row of the record. Cycle 0 of a
-robot is its arming."""
+"""The cycles of a recording: one row per tick, with its input, goal and record. Cycle 0 of a robot is its arming."""
 
 from enum import IntEnum, IntFlag
 
@@ -13,20 +12,20 @@ STATES_OF_RUN = {state: place for place, state in enumerate(RunState)}
 
 
 class InputFlag(IntFlag):
-    """Flags of the input of a tick, as the field `asked` stores them."""
+    """Flags of the input of a tick."""
 
     STOP = 1
-    """Stop by the operator."""
+    """Stop."""
     TORQUE_OFF = 2
-    """Torque off at once by the operator."""
+    """Torque off at once."""
     OVER = 4
     """End of the performance."""
     PAUSED = 8
-    """Pause by the operator."""
+    """Pause."""
     APPROACH = 16
     """The approach may go on."""
     OUTSIDE = 32
-    """Fault that the servos do not report, such as a fall; the events hold cause and reason."""
+    """Fault that servos do not report, such as a fall."""
 
 
 class Done(IntEnum):
@@ -39,6 +38,5 @@ class Done(IntEnum):
 
 
 def now_of(cycles: RunTable) -> FloatArray:
-    """Times (T,), s, of the inputs on the run's clock. Old recordings hold several readings of it, the second one after
-    the servos were read."""
+    """Times (T,), s, of the inputs on the run's clock. Old recordings hold several readings of it."""
     return np.where(cycles.readings > 1, cycles.clock[:, 1], cycles.clock[:, 0])

@@ -25,8 +25,8 @@ HOLDS_S = 10.0
 
 
 def recorded_goals(recording: Recording, *, speed: float, dt: float) -> FloatArray:
-    """The goals (T, n), rad, of following, resampled to ticks of `dt` s. speed: 1 is that of the recording. Raises
-    InputError without any, or for a goal that is not finite."""
+    """The goals (T, n), rad, of following, resampled to ticks of `dt` s. Raises InputError without any, or for
+    non-finite ones."""
     cycles, where = recording.cycles, str(recording.path)
     followed = np.flatnonzero(cycles.kept & (cycles.phase == Phase.FOLLOW))
     if not followed.size:
@@ -86,11 +86,8 @@ def goal_playback(
     notify: Notify,
     robot: RobotBody | None = None,
 ) -> Iterator[Prepared]:
-    """A prepared run that sends the goals and ends at rest. options: those of the recording, with another bus. robot:
-    as in `prepare_for`.
-
-    Raises RetargetError for goals that this robot cannot have.
-    """
+    """A prepared run that sends the goals and ends at rest. options: with another bus. Raises RetargetError for goals
+    that this robot cannot have."""
     session = recording.session
     goals: list[FloatArray] = []
 

@@ -26,12 +26,12 @@ METADATA = "retarget"
 """Name of the metadata record with the session."""
 PROFILE = "ros2"
 CHUNK = 2**30
-"""Chunk size, bytes, that is never reached, because a flush ends a chunk."""
+"""Bytes that a chunk never reaches, because a flush ends it."""
 LARGEST = 4 * 2**20
 """Bytes of the largest config file that is attached."""
 MOST_RECORDS = 2**21
-"""Largest number of messages that a reader takes; NPZ's MAX_BYTES bounds their bytes. The writer stops a little before,
-after about 45 minutes of 20 servos at 125 Hz."""
+"""Largest number of messages that a reader takes: 45 minutes of 20 servos at 125 Hz. NPZ's MAX_BYTES bounds their
+bytes."""
 SPARE_RECORDS, SPARE_BYTES = 2**10, 2**20
 """Reserve for schemas and channels."""
 MESSAGE_OVERHEAD = 31
@@ -59,10 +59,10 @@ def check_target(path: Path) -> None:
 
 
 class RecordingFile:
-    """A new MCAP file that grows during a run. Its chunks are whole once they are flushed."""
+    """A new MCAP file that grows during a run, flushed chunk by chunk."""
 
     def __init__(self, path: Path, session: Session, configs: Iterable[tuple[ConfigFile, bytes]]) -> None:
-        """Write session and configs. Raises UsageError for an existing file, or one that cannot be written."""
+        """Write session and configs. Raises UsageError for an unusable place."""
         from mcap.writer import CompressionType, Writer
 
         self.path = path
@@ -107,7 +107,7 @@ class RecordingFile:
         self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns, index)
 
     def flush(self) -> None:
-        """Hand everything to the system, so that a crash of this process does not lose it. Raises OSError."""
+        """Hand everything to the system. Raises OSError."""
         self._writer.flush()  # type: ignore[no-untyped-call]
         self._stream.flush()
 
@@ -144,8 +144,7 @@ CLEARED = (
 class Ring:
     """A queue of rows between two threads: one fills the row `at` of `rows`, the other takes the finished ones.
 
-    lost: finished rows without room. patient: the filling thread waits for room, in runs on a virtual clock. index:
-    number of the current row, lost ones included.
+    lost: finished rows without room. patient: the filling thread waits for room. index: number of the current row.
     """
 
     def __init__(self, widths: Widths, *, patient: bool = False, rows: int = ROWS) -> None:
@@ -242,7 +241,7 @@ PATIENCE_S = 5.0
 class WritingThread:
     """The thread that writes a recording. stamp: converts s of the run's clock to ns of the file.
 
-    failure: reason of an early end, else "". A full disk ends the recording alone. cpu_s: CPU time of this thread, s.
+    failure: reason of an early end, else "". cpu_s: CPU time of this thread, s.
     """
 
     def __init__(
@@ -264,7 +263,7 @@ class WritingThread:
         self._thread.start()
 
     def close(self) -> None:
-        """Write the rest and the index, for PATIENCE_S at most. A second call does nothing."""
+        """Write the rest and the index, for PATIENCE_S at most."""
         self._ending = True
         self._ring.due.set()
         self._thread.join(PATIENCE_S)
@@ -290,7 +289,6 @@ class WritingThread:
             self.cpu_s = thread_cpu()
 
     def _write(self) -> None:
-        """Write the queue as one chunk; nothing if the file is full."""
         events = [self._events.popleft() for _ in range(len(self._events))]
         cycles = self._ring.take()
         stamps = np.array([self._stamp(time) for time in cycles.time.tolist()], dtype=np.int64)

@@ -26,11 +26,10 @@ CM = 100.0
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motion(RunTable):
     """A motion of one body with a free root: q (T, nq) is what was sent. Servo fields have a column for each of
-    `joint_names`, NaN or -1 for a joint without servo. The landmarks of a human alone are its sensors.
+    `joint_names`, NaN or -1 for a joint without servo.
 
-    source: its file. robot: its name, or `human`. row: meaning of a row. notes: missing parts, for the user. compiled:
-    the body with its shapes; human: the body of `human_q`. profile: of the robot, with this tree. recording: of an MCAP
-    file.
+    source: its file. robot: its name, or `human`. row: meaning of a row. compiled, human: bodies of `q` and `human_q`.
+    profile: of the robot, with this tree. recording: of an MCAP file.
     """
 
     source: str
@@ -97,7 +96,7 @@ class Motion(RunTable):
 
 
 def followed(motion: Motion, *, found: str = "no such tick", next_step: str = "") -> Motion:
-    """The rows in which the body followed. found, next_step: for the InputError without any."""
+    """The rows in which the body followed. found, next_step: for the InputError."""
     following = motion.phase == Phase.FOLLOW
     if not following.any():
         raise InputError("nothing was followed in this run", where=motion.source, found=found, next_step=next_step)
@@ -145,10 +144,10 @@ EXACT = 1e-9
 
 
 def resampled(motion: Motion, fps: float) -> Motion:
-    """The motion at `fps` rows per second from its first row on, without a filter.
+    """The motion at `fps` rows per second, by linear interpolation and slerp, without a filter.
 
-    Positions are interpolated linearly and orientations by slerp. Fields of single ticks, such as servo goals, are left
-    out, unless the rate stays the same. Raises UsageError for an impossible rate.
+    Fields of single ticks, such as servo goals, are left out, unless the rate stays the same. Raises UsageError for an
+    impossible rate.
     """
     if not 0.0 < fps <= MAX_FPS:
         raise UsageError("impossible rate", where="--fps", found=f"{fps:g}", allowed=f"above 0, up to {MAX_FPS:g}")
@@ -191,8 +190,7 @@ CONVENTIONS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """Origins of the links (b), in the order of the body file without the world: position (T, b, 3) m and orientation
-    (T, b, 4) wxyz, world."""
+    """Origins of the links (b): position (T, b, 3) m and orientation (T, b, 4) wxyz, world."""
 
     names: tuple[str, ...]
     position: FloatArray

@@ -51,17 +51,15 @@ def write_npz(run: RunResult, path: Path) -> None:
 
 
 def run_arrays(run: RunResult, body: str) -> Arrays:
-    """The arrays of the file, one row per tick (T). body: path of the MJCF or URDF of the postures, seen from the
-    file's folder.
+    """The arrays of the file, one row per tick (T). body: path of the MJCF or URDF, seen from the file's folder.
 
-    time (T,) s; joint_names (n,): all hinges and slides of the body; joint_positions (T, n) rad, sent; root_position
-    (T, 3) m and root_quaternion (T, 4) wxyz; goal_ticks (T, n), -1: no servo; landmark_names (k,), landmarks_asked and
+    time (T,) s; joint_names (n,): all hinges and slides; joint_positions (T, n) rad, sent; root_position (T, 3) m and
+    root_quaternion (T, 4) wxyz; goal_ticks (T, n), -1: no servo; landmark_names (k,), landmarks_asked and
     landmarks_reached (T, k, 3) m (of a human: its sensors); gated (T,); human_joint_names (m,), human_joint_positions
-    (T, m, 3) m; human_truth (T, m, 3) m, if the file has it. Beyond the contract: phase (T,), `approach`, `follow` or
-    `brake`; servo_positions (T, n) rad, measured, NaN without; human_q (T, nq) with human_mjcf, the text of its body;
-    sensor_names (s,), sensor_positions (T, s, 3) m, NaN if not valid; dt s; motion_dt s; in real time the times of the
-    stages; with an IMU its measurements. Before and after following, landmarks_asked, human_truth and sensors keep
-    their nearest value.
+    (T, m, 3) m; human_truth (T, m, 3) m, if known. Beyond the contract: phase (T,), `approach`, `follow` or `brake`;
+    servo_positions (T, n) rad, measured; human_q (T, nq) with human_mjcf, its body; sensor_names (s,), sensor_positions
+    (T, s, 3) m; dt s; motion_dt s; in real time the times of the stages; measurements of an IMU. Unknown values are
+    NaN. Before and after following, landmarks_asked, human_truth and sensors keep their nearest value.
     """
     record, robot, sent = run.record, run.robot, run.record.robot
     names, desired, actual = run.followed

@@ -53,7 +53,6 @@ def no_human(source: str) -> InputError:
 
 
 def _of_human(known: dict[str, Any], human: BodyFile) -> Motion:
-    """The motion of the human, at the rows with its posture."""
     own = {name: values for name, values in known.items() if name not in OF_SERVOS}
     own |= {"q": known["human_q"], "robot": "human", "body": body_from_file(human), "compiled": human, "human": human}
     return Motion(**own)[np.isfinite(known["human_q"]).all(axis=1)]
@@ -137,7 +136,6 @@ def _of_arrays(file: ArrayFile, path: Path, robot: bool, body: Path | None) -> M
 
 
 def _npz_posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows: int) -> FloatArray:
-    """Postures (T, nq) from root and joints of the file."""
     joints = file.floats("joint_positions", rows, len(names))
     turn = unit_quaternions(file.floats("root_quaternion", rows, 4), where=file.source)
     root = np.hstack([file.floats("root_position", rows, 3), turn])
@@ -292,7 +290,6 @@ def _landmarks(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64
 
 
 def _reasons(recording: Recording, cycles: RunTable) -> TextArray:
-    """The last failure or stop up to each of the cycles, or ""."""
     said = sorted(
         (cycle, text)
         for (cycle, source), text in recording.texts.items()

@@ -263,7 +263,6 @@ def _session(metadata: dict[str, str] | None, where: str, damage: str) -> Sessio
 
 
 def _written_by(session: str) -> str:
-    """The version that wrote the session's JSON, in words, or ""."""
     try:
         version = json.loads(session)["version"]
     except (ValueError, TypeError, KeyError, RecursionError):
@@ -271,8 +270,7 @@ def _written_by(session: str) -> str:
     return f", written by version {str(version)[:20]}"
 
 
-def _topics(found: _Found, where: str) -> list[tuple[str, TopicRows]]:
-    made = []
+def _topics(found: _Found, where: str) -> Iterator[tuple[str, TopicRows]]:
     for number, channel in found.channels.items():
         if "layout" not in channel.metadata:
             continue
@@ -283,8 +281,7 @@ def _topics(found: _Found, where: str) -> list[tuple[str, TopicRows]]:
         cycles = np.array(found.sequences[number], dtype=np.int64)
         if len(rows) != len(cycles):
             raise InputError("a topic is damaged", where=where, found=f"{channel.topic}: messages of another size")
-        made.append((str(channel.topic), TopicRows(cycles, rows)))
-    return made
+        yield str(channel.topic), TopicRows(cycles, rows)
 
 
 def _log_of(data: bytes) -> tuple[str, str]:
@@ -375,7 +372,6 @@ def _widths(recording: Recording, rows: Rows) -> Widths:
 
 
 def _places(cycles: RunTable, topic: TopicRows) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Rows of `cycles` of the messages, and which messages have one."""
     at = np.searchsorted(cycles.index, topic.cycles)
     known = at < len(cycles)
     known[known] = cycles.index[at[known]] == topic.cycles[known]

@@ -11,7 +11,6 @@ import numpy as np
 from hardware.clock import Clock, MonotonicClock, VirtualClock, wall_to_monotonic
 from hardware.guard import CheckedGoal, Torque
 from hardware.guard_state import Stop, StopCause
-from retarget.frames import SensorSample
 from retarget.human.reconstruction import Reconstructor
 from retarget.model.human_dimensions import POINTS
 from retarget.recording.cycles import STATES_OF_RUN, Done, InputFlag
@@ -112,8 +111,11 @@ class CycleObserver(RunObserver):
                 getattr(rows, name)[at] = getattr(servos, name)
             keep_imu(rows, at, servos.imu)
         if performer.tick is not None:
-            rows.tick[at] = performer.tick
-            _keep_sample(rows, at, performer.sample)
+            rows.tick[at], sample = performer.tick, performer.sample
+            rows.sampled[at] = Done.FAILED if sample is None else Done.WELL
+            if sample is not None:
+                rows.sensor_position[at], rows.sensor_orientation[at] = sample.position, sample.orientation
+                rows.sensor_valid[at] = sample.valid
         self._log_failures(rows, at, given)
         # The goal that was given to the bus, the row of the record, and where the run is.
         if goal is not None and machine is not None:
@@ -139,7 +141,6 @@ class CycleObserver(RunObserver):
             self.log("outside", f"{cause.value}: {reason}", LogLevel.ERROR)
 
     def _log_changes(self, machine: Machine) -> None:
-        """Log a new stop, torque or state of the run."""
         stop, torque, state = machine.guard.stop, machine.guard.torque, machine.supervisor.state
         if stop is not None and stop is not self._logged[0]:
             self.log("guard", f"{stop.cause.value}: {stop.reason}", LogLevel.ERROR)
@@ -151,7 +152,6 @@ class CycleObserver(RunObserver):
         self._logged = (stop, torque, state)
 
     def _keep_row(self, rows: RunTable, at: int, record: Record, row: int) -> None:
-        """Copy a row of the record."""
         self.rows += 1
         rows.kept[at] = True
         for name in COPIED:
@@ -169,14 +169,6 @@ class CycleObserver(RunObserver):
         if rows.truth.shape[1]:
             truth = self._truth()
             rows.truth[at] = np.nan if truth is None else truth
-
-
-def _keep_sample(rows: RunTable, at: int, sample: SensorSample | None) -> None:
-    rows.sampled[at] = Done.FAILED if sample is None else Done.WELL
-    if sample is None:
-        return
-    rows.sensor_position[at], rows.sensor_orientation[at] = sample.position, sample.orientation
-    rows.sensor_valid[at] = sample.valid
 
 
 class Recorder:
@@ -285,7 +277,6 @@ class Recorder:
 
 
 def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Widths, list[Topic]]:
-    """The widths of a cycle, and the topics."""
     robot, observers = None if prepared.machine is None else prepared.machine.robot, prepared.observers
     own = prepared.reconstructor.observers if isinstance(prepared.reconstructor, Reconstructor) else None
     names: dict[str, tuple[str, ...]] = {"sensors": tuple(prepared.performer.sensors), "joints": POINTS}

@@ -79,9 +79,9 @@ class RecordedInputs:
     """`retarget.run.loop.Inputs` of the ticks of a recording, and the `hardware.bus.ServoBus` of the replay.
 
     Servos keep the recorded distance from their goals, so equal goals give equal servo positions, to the tick. A
-    missing cycle repeats servos and performer of the one before it. The approach may differ in length, but following
-    begins with the same cycle in both. The run ends after the last cycle. clock: time of the present tick. sent: the
-    goals (n,), ticks, with the row of their cycle, -1 if it was not recorded.
+    missing cycle repeats the one before it. The approach may differ in length, but following begins with the same
+    cycle. The run ends after the last cycle. sent: the goals (n,), ticks, with the row of their cycle, -1 if it was not
+    recorded.
     """
 
     late_ticks = 0
@@ -213,9 +213,8 @@ class RecordedInputs:
 @dataclass(frozen=True)
 class Difference:
     """Difference of a replay from its recording. compared: recorded goals (postures of a human alone). differ: those
-    that are different now. first, time_s: cycle and time of the first of these, or None. most, where: largest
-    difference, in `unit`. absent: recorded and not sent now; extra: sent now and not recorded. whole: the recording is.
-    machine: that of the recording, if it is another one."""
+    that are different now. first, time_s: cycle and time of the first. most, where: largest difference, in `unit`.
+    absent: not sent now; extra: not recorded. machine: that of the recording, if another."""
 
     compared: int
     differ: int = 0
@@ -263,7 +262,6 @@ class Difference:
 
 
 def _other_machine(recording: Recording) -> str:
-    """The machine of a recording, if it is another one."""
     machine = recording.session.machine
     return "" if machine == machine_name() else machine
 
@@ -379,7 +377,7 @@ def environment_changes(session: Session) -> tuple[str, ...]:
 
 def refuse_other_robot(session: Session, robot: RobotBody) -> None:
     """Raise InputError if the robot has other servos than the recorded one."""
-    allowed = f"the profile of then, of {session.robot}, which is attached to the recording"
+    allowed = f"the recorded profile of {session.robot}, which is attached to the recording"
     now, where = robot.joint_map.joints, robot.profile.name
     _refuse_others("the robot has other servos", now, session.joints, where=where, allowed=allowed)
 

@@ -66,7 +66,6 @@ def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, r
     sensors = named["sensors"]
 
     def kept(topic: str) -> Which:
-        """The ticks that were kept, or some of them at a fixed interval."""
         step = max(round(EVERY_S.get(topic, 0.0) / dt), 1)
         return lambda cycles: cycles.kept & (cycles.index % step == 0)
 
@@ -78,12 +77,10 @@ def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, r
         return _topic(topic, message, names, which, values, sizes | given)
 
     def points(name: str, names: tuple[str, ...], field: str) -> Topic:
-        """A topic of points, as poses without rotation."""
         values = lambda cycles: {"poses": _poses(_rounded(getattr(cycles, field)))}  # noqa: E731
         return _topic(name, "geometry_msgs/msg/PoseArray", names, kept(name), values, {"poses": len(names)})
 
     def oriented(cycles: RunTable) -> NDArray[np.bool_]:
-        """True (T, s) for sensors with an orientation."""
         known = ~np.isnan(cycles.sensor_orientation).any(axis=2)
         return np.asarray(known & (cycles.sampled == Done.WELL)[:, None])
 
@@ -127,8 +124,6 @@ def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, r
 
 
 def _imu_topics(robot: RobotBody) -> list[Topic]:
-    """IMU measurements, if the robot has one."""
-
     def values(cycles: RunTable) -> dict[str, NDArray[Any]]:
         known = {key: getattr(cycles, field) for key, field in message_fields(IMU).items()}
         return known | {"orientation": cycles.imu_orientation[:, [1, 2, 3, 0]]}  # as ROS has it, NaN: there is none
@@ -167,7 +162,6 @@ def _topic(name: str, message: str, names: tuple[str, ...], which: Which, values
 
 
 def _joint_states(servos: JointMap, which: Which, given: Given) -> Topic:
-
     def values(cycles: RunTable) -> dict[str, NDArray[Any]]:
         position, velocity = servos.to_radians(cycles.position), servos.joint_velocity(cycles.velocity)
         return {"position": _rounded(position), "velocity": _rounded(velocity)}
@@ -178,7 +172,6 @@ def _joint_states(servos: JointMap, which: Which, given: Given) -> Topic:
 
 
 def _frames(robot: RobotBody, which: Which) -> Topic:
-    """Every link of the robot in the world, in the posture that was sent."""
     body, links = robot.body.solver_body(), list(range(1, len(robot.body.body_names)))
     names = tuple(robot.body.body_names[link] for link in links)
     given: dict[str, str | tuple[str, ...]] = {"transforms": names}

@@ -1,7 +1,5 @@
-"""Clearance of a body to itself and to a scene, on the geoms of its own file, independent of the solver.
-
-Distances are `mj_geomDistance` between two geoms, because those of contacts are distorted by margins.
-"""
+"""Clearance of a body to itself and to a scene, on the geoms of its own file, by `mj_geomDistance`, because margins
+distort the distances of contacts."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -23,30 +21,24 @@ from retarget.run.run_result import RunResult
 from retarget.types import MM, FloatArray, IntArray
 
 Distances = Callable[[IntArray, IntArray], FloatArray]
-"""Signed distances (m,), m, of pairs (m,) in postures (m,), which come in rising order."""
+"""Signed distances (m,), m, of pairs (m,) in postures (m,), in rising order."""
 Bounds = Callable[[IntArray], FloatArray]
-"""Lower bounds (m, P), m, of the signed distances of all pairs in postures (m,)."""
+"""Lower bounds (m, P), m, of the distances of all pairs in postures (m,)."""
 
 BOUND_ROUND_OFF_M = 1e-9
-"""Round-off, m, by which the distance of two balls may be below its bound."""
-
-
-@dataclass(frozen=True, eq=False)
-class Closest:
-    """smallest: distance, m, of `pair` in posture `row`. deeper: number of postures beyond each tolerance."""
-
-    smallest: float
-    row: int
-    pair: int
-    deeper: tuple[int, ...]
+"""Round-off, m, of the bound of two balls."""
 
 
 class ClosestPairs:
-    """Finds the nearest pair, the first of several, over successive blocks of postures. tolerances: depths, m."""
+    """Finds the nearest pair over successive blocks of postures.
+
+    tolerances: depths, m. smallest: distance, m, of `pair` in posture `row`. deeper: number of postures beyond each
+    tolerance.
+    """
 
     def __init__(self, tolerances: tuple[float, ...]) -> None:
-        self._tolerances, self._deeper = tolerances, [0] * len(tolerances)
-        self._smallest, self._at, self._seen = np.inf, (0, 0), 0
+        self._tolerances, self.deeper = tolerances, [0] * len(tolerances)
+        self.smallest, self.row, self.pair, self._seen = np.inf, 0, 0, 0
 
     def look(self, distances: Distances, bounds: Bounds, count: int) -> None:
         """Look at the next `count` postures, which both functions number from 0."""
@@ -54,27 +46,22 @@ class ClosestPairs:
             return
         postures = np.arange(count)
         bound = bounds(postures) - BOUND_ROUND_OFF_M
-        # First the pair with the least bound in each posture; then all pairs that may be nearer, or deep.
+        # First the pair with the least bound in each posture, then all that may be nearer, or deep.
         which = bound.argmin(axis=1)
         found = distances(postures, which)
-        least = min(self._smallest, float(found.min()))
+        least = min(self.smallest, float(found.min()))
         rows, others = np.nonzero(bound < max([least, *(-depth for depth in self._tolerances)]))
         found = np.append(found, distances(rows, others))
         rows, which = np.append(postures, rows), np.append(which, others)
         nearest = np.full(count, np.inf)  # [m]
         np.minimum.at(nearest, rows, found)
         for number, depth in enumerate(self._tolerances):
-            self._deeper[number] += int(np.count_nonzero(nearest < -depth))
+            self.deeper[number] += int(np.count_nonzero(nearest < -depth))
         best = np.lexsort((which, rows, found))[0]
-        if found[best] < self._smallest:
-            self._smallest = float(found[best])
-            self._at = (self._seen + int(rows[best]), int(which[best]))
+        if found[best] < self.smallest:
+            self.smallest = float(found[best])
+            self.row, self.pair = self._seen + int(rows[best]), int(which[best])
         self._seen += count
-
-    @property
-    def found(self) -> Closest:
-        """The nearest pair so far."""
-        return Closest(self._smallest, *self._at, tuple(self._deeper))
 
 
 FAR_M = 1e4
@@ -83,8 +70,8 @@ FAR_M = 1e4
 
 @dataclass(frozen=True, eq=False)
 class MovingGeoms:
-    """Geoms (g,) of a compiled model in T postures. geoms: their ids; position (T, g, 3) m and row-major matrix (T, g,
-    9), world."""
+    """Geoms (g,) of a compiled model in T postures. geoms: ids; position (T, g, 3) m and row-major matrix (T, g, 9),
+    world."""
 
     model: Any
     geoms: IntArray
@@ -97,7 +84,7 @@ class MovingGeoms:
         return np.asarray(self.model.geom_bodyid)[self.geoms].astype(np.int64)
 
     def bounds(self, pairs: IntArray) -> Bounds:
-        """Bounds of pairs (P, 2) of these geoms: the distance between bounding spheres, or of one from a plane."""
+        """Bounds of pairs (P, 2): the distance between bounding spheres, or of one from a plane."""
         first, second = pairs.T
         radius = np.asarray(self.model.geom_rbound)[self.geoms]
         radius = np.where(radius > 0.0, radius, np.inf)  # a plane has no end
@@ -114,7 +101,7 @@ class MovingGeoms:
         return bounds
 
     def distances(self, pairs: IntArray) -> Distances:
-        """Exact distances of pairs (P, 2) of these geoms."""
+        """Distances of pairs (P, 2) of these geoms."""
         import mujoco
 
         model, data, measure = self.model, mujoco.MjData(self.model), mujoco.mj_geomDistance
@@ -152,7 +139,7 @@ def moving_geoms(model: Any, postures: FloatArray) -> MovingGeoms:
 
 
 def geoms_of_links(model: Any) -> IntArray:
-    """Ids (g,) of the colliding geoms of each link, or of all its geoms if none collides."""
+    """Ids (g,) of each link's colliding geoms, or of all its geoms if none collides."""
     owner = np.asarray(model.geom_bodyid)
     collides = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) != 0
     return np.flatnonzero((owner > 0) & (collides | ~np.isin(owner, owner[collides])))
@@ -165,8 +152,8 @@ LINE_M = 1e-12
 def among_obstacles(
     model: Any, obstacles: IntArray, geoms: MovingGeoms, scene: SceneState, times: FloatArray
 ) -> MovingGeoms:
-    """The k obstacles of a scene, then the geoms (g,) of a body, at times (T,) s on the clock of the scene. model,
-    obstacles: from `scene_model`."""
+    """The k obstacles of a scene, then the geoms (g,) of a body, at times (T,) s of the scene. model, obstacles: from
+    `scene_model`."""
     count = len(obstacles)
     position, quat = np.empty((len(times), count, 3)), np.empty((len(times), count, 4))
     for row, time in enumerate(times):
@@ -181,8 +168,8 @@ def among_obstacles(
 
 
 def scene_model(body: BodyFile, shapes: SceneShapes) -> tuple[Any, IntArray]:
-    """The model of a body with k obstacles, and the ids (k,) of their geoms. They are the last ones of the world, so
-    that the ids of link geoms are k higher than in the body's own model."""
+    """The model of a body with k obstacles, and the ids (k,) of their geoms. The ids of link geoms are k higher than in
+    the body's own model."""
     spec = body.spec.copy()
     first = int(np.count_nonzero(np.asarray(body.model.geom_bodyid) == 0))
     for code, sizes in zip(shapes.kinds, shapes.sizes, strict=True):
@@ -196,8 +183,8 @@ def compared_pairs(
 ) -> IntArray:
     """Rows (P, 2) of `links` and `geoms` (g,) that are compared.
 
-    Left out are geoms of one link or of links without a joint between them, of a link and its parent, of pairs that the
-    file excludes, of `ignored` pairs of links, and of links that touch in the posture `neutral` (nq,).
+    Left out are geoms of one link or of links without a joint between them, of a link and its parent, of excluded or
+    `ignored` pairs, and of links that touch in the posture `neutral` (nq,).
     """
     never = _never_compared(model, ignored)
     pairs = np.column_stack(np.triu_indices(len(geoms), 1))
@@ -213,7 +200,6 @@ def compared_pairs(
 
 
 def _never_compared(model: Any, ignored: Iterable[tuple[str, str]]) -> NDArray[np.bool_]:
-    """Pairs of links (links, links) that are left out in any neutral posture."""
     weld, parent = np.asarray(model.body_weldid), np.asarray(model.body_parentid)
     # Links without a joint between them are all neighbours of the parent of their joint.
     above = weld[parent[weld]]
@@ -227,7 +213,6 @@ def _never_compared(model: Any, ignored: Iterable[tuple[str, str]]) -> NDArray[n
 
 
 def _touching(model: Any, pairs: IntArray, q: FloatArray) -> NDArray[np.bool_]:
-    """True (P,) for pairs (P, 2) of geoms that touch in a posture (nq,)."""
     import mujoco
 
     data = mujoco.MjData(model)
@@ -245,11 +230,8 @@ DEEP_M = 1e-3
 
 @dataclass(frozen=True)
 class Clearance:
-    """smallest: distance, m, negative inside; None: nothing to compare. penetrating, deep: postures deeper than TOUCH_M
-    and DEEP_M.
-
-    pair: the links, or the link and the obstacle, that came closest; row: its posture.
-    """
+    """smallest: distance, m, negative inside; None: nothing to compare. penetrating, deep: postures beyond TOUCH_M and
+    DEEP_M. pair, row: the closest, and their posture."""
 
     smallest: float | None
     penetrating: int
@@ -260,8 +242,7 @@ class Clearance:
 
 @dataclass(frozen=True, eq=False)
 class PlacedBody:
-    """A body in T postures (T, nq). rows (T,): their indices among those given. Geoms are placed block by block, which
-    bounds the memory."""
+    """A body in T postures (T, nq). rows (T,): their indices among those given. Geoms are placed block by block."""
 
     file: BodyFile
     postures: FloatArray
@@ -292,8 +273,7 @@ class PlacedBody:
         return self._clearance(found, (first, second))
 
     def to_scene(self, scene: SceneState, times: FloatArray) -> Clearance:
-        """Clearance to every obstacle of a scene but the ground, at times (T,) s on its clock, one for each given
-        posture."""
+        """Clearance to every obstacle but the ground, at times (T,) s of the scene, one for each given posture."""
         return self._to_obstacles(scene, times, np.tile(~scene.shapes.ground, (len(self.links), 1)))
 
     def to_ground(self, scene: SceneState, times: FloatArray, *, feet: Iterable[str]) -> Clearance:
@@ -315,15 +295,15 @@ class PlacedBody:
         link, obstacle = pairs[found.pair]
         return self._clearance(found, (self._name(link), names[obstacle]))
 
-    def _closest(self, pairs: IntArray, seen: Callable[[MovingGeoms, slice], MovingGeoms]) -> Closest:
+    def _closest(self, pairs: IntArray, seen: Callable[[MovingGeoms, slice], MovingGeoms]) -> ClosestPairs:
         """The nearest of pairs (P, 2). seen: adds obstacles to the body's geoms in some postures."""
         closest = ClosestPairs((TOUCH_M, DEEP_M))
         for rows in blocks(len(self.rows)):
             geoms = seen(moving_geoms(self.model, self.postures[rows]), rows)
             closest.look(geoms.distances(pairs), geoms.bounds(pairs), len(geoms.position))
-        return closest.found
+        return closest
 
-    def _clearance(self, found: Closest, pair: tuple[str, str]) -> Clearance:
+    def _clearance(self, found: ClosestPairs, pair: tuple[str, str]) -> Clearance:
         penetrating, deep = found.deeper
         return Clearance(found.smallest, penetrating, pair, int(self.rows[found.row]), deep)
 
@@ -332,10 +312,8 @@ class PlacedBody:
 
 
 def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = None) -> PlacedBody:
-    """The body of a file, or of MJCF text of this program, in the finite ones of postures (T, nq), m, wxyz and rad.
-
-    root: as in `compile_body`. Raises InputError.
-    """
+    """The body of a file, or of our own MJCF text, in the finite ones of postures (T, nq). root: as in `compile_body`.
+    Raises InputError."""
     if isinstance(body, Path):
         file = compile_body(body, root=root)
     else:
@@ -354,8 +332,8 @@ NOTHING = Clearance(None, 0, None)
 def robot_clearances(
     robot: RobotBody, q: FloatArray, scene: SceneState | None, times: FloatArray
 ) -> tuple[Clearance, Clearance, Clearance]:
-    """Clearance of a robot in postures (T, nq), at times (T,) s on the clock of the scene: to itself, to obstacles, and
-    of links without a sole to the ground."""
+    """Clearance of a robot in postures (T, nq), at times (T,) s of the scene: to itself, to obstacles, and of links
+    without a sole to the ground."""
     profile, placed = robot.profile, place_body(robot.profile.body_path, q, root=robot.profile.root)
     ignored, neutral = [entry.pair for entry in profile.ignore_pairs], robot.posture(profile.postures.neutral)
     to_itself = placed.to_itself(neutral=neutral, ignored=ignored)
@@ -366,8 +344,8 @@ def robot_clearances(
 
 
 def clearances(run: RunResult) -> dict[str, Any]:
-    """Clearance of the postures sent to the robot, or else of the reconstructed human, by the keys of the report. A
-    tick that penetrates in two of the three counts twice."""
+    """Clearance of the robot as sent, or else of the human, by the keys of the report. A tick that penetrates twice
+    counts twice."""
     robot, sent, times = run.robot, run.record.robot, np.maximum(run.record.time, 0.0)
     if robot is not None and sent is not None:
         to_itself, to_scene, to_ground = robot_clearances(robot, sent.q, run.scene, times)

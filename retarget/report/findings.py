@@ -1,4 +1,4 @@
-"""Findings about a run in words, for terminal and page: the figures of `findings.yaml`."""
+"""Findings about a run in words: the figures of `findings.yaml`."""
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -25,15 +25,15 @@ from retarget.types import MM, RunState
 FOLLOWING, NOT_FOLLOWED = "following", "not followed"
 """Names of lines that are shown apart from the others."""
 MOST_NAMED = 3
-"""Number of reasons for unused data, and of times of a posture that was not followed, that a line names."""
+"""Largest number of reasons, senders or times that a line names."""
 TIPS_MM, TOUCH_MM = 0.05, -1e-3
-"""Margin of balance below which a robot begins to tip, and clearance below which bodies overlap."""
+"""Margin of balance below which a robot tips, and clearance below which bodies overlap."""
 NEAR_LIMIT_RAD = 1e-4
 """Distance, rad, from its limit at which a joint is at it."""
 WALKED_M = 0.1
 """Path of a performer, m, scaled by the leg, from which on the missing share of a walk counts."""
 STAYS = 0.7
-"""Share of the performer's foot path below which a robot's feet stay in place."""
+"""Share of the performer's foot path below which a robot stays in place."""
 STREAM_STAGES = {"page": "from picture to page", "network": "from page to run", "goal": "from run to goals"}
 """Words for the stages of `LiveReport.latency_ms`."""
 SIDES = {"l": "left", "r": "right"}
@@ -52,8 +52,8 @@ def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
 
 @dataclass(frozen=True)
 class FollowingVerdict:
-    """The verdict on following. words: after the robot's name. differs: visible differences, in words. broken: true if
-    it does not follow, None if in part. why: the known cause."""
+    """The verdict on following, after the robot's name. differs: visible differences. broken: true if it does not
+    follow, None if in part. why: the known cause."""
 
     words: str
     differs: tuple[str, ...]
@@ -101,7 +101,7 @@ class RunFigures:
 
     @cached_property
     def verdict(self) -> FollowingVerdict | None:
-        """Comparison of robot and performer; None where no robot followed."""
+        """Comparison of robot and performer; None without following."""
         if self.robot is None or not self.run.ticks_followed:
             return None
         known = [(one, figure_of(self, one["figure"])) for one in table("differences")]
@@ -113,14 +113,13 @@ class RunFigures:
         return FollowingVerdict("follows", (), False)
 
     def _why(self, limbs: Collection[str]) -> str:
-        """The pair for which most goals were refused, or the limit that restrains one of these limbs most often."""
+        """The pair of most refused goals, or the limit that restrains one of these limbs most."""
         pair, held = self.report.refused_pair, self.report.held_back
         if pair is not None and (self.report.gated_frames or 0) > MOST_CHANGED * self.report.ticks:
             return f"most goals refused for {pair.first} - {pair.second}"
         return next((one.words for one in held if one.limb.split()[-1] in limbs), "")
 
     def _limit(self, of: Mapping[str, Any], broken: bool | None) -> float:
-        """The limit of a difference that is seen, or with which it does not follow."""
         if broken and of.get("arms") and self._hands_first:
             return math.inf
         return float(of.get("lost", math.inf) if broken else of["seen"])
@@ -162,7 +161,6 @@ class RunFigures:
         return {} if name is None else {"part": side_words(name), "s": away[name]}
 
     def _share(self, mm: float | None, landmark: str) -> float | None:
-        """A distance as a share of the robot's limb that ends at a landmark."""
         return None if mm is None else mm / (MM * self.robot.profile.landmarks[landmark].robot_length)  # type: ignore[union-attr]
 
     @property
@@ -188,7 +186,7 @@ class RunFigures:
 
     @property
     def left_behind_m(self) -> float | None:
-        """Travel of the performer while the robot's feet stay in place."""
+        """Travel of the performer while the robot stays in place."""
         left = self.report.walk is None and (self.report.foot_path_ratio or 0.0) < STAYS
         return self.report.travelled_m.performer if left else None
 
@@ -224,7 +222,7 @@ class RunFigures:
 
     @property
     def likeness(self) -> dict[str, str]:
-        """Mean angles of limbs and trunk: `reached`, to the body as `recorded`, and at `best`."""
+        """Mean angles of limbs and trunk: `reached`, `recorded`, and at `best`."""
         report = self.report
         angles: dict[str, Mapping[str, Spread | None]] = {
             "reached": dict(report.likeness_deg or {}, trunk_lean=report.trunk_lean_deg),
@@ -375,11 +373,6 @@ class RunFigures:
         return ", ".join(f"{stage} {cost.p50:.0f} us (p99 {cost.p99:.0f})" for stage, cost in ran.items())
 
     @property
-    def safety(self) -> Any:
-        """Limits of the profile."""
-        return None if self.robot is None else self.robot.profile.safety
-
-    @property
     def tick_ms(self) -> float:
         """Time between two ticks."""
         return 1e3 * self.run.clip.dt
@@ -419,8 +412,7 @@ class RunFigures:
 
     @property
     def near_falling_mm(self) -> float | None:
-        """Least distance of the centre of pressure from the edge of the soles, 0 beyond it; without mass, of the centre
-        of mass."""
+        """Least distance of the centre of pressure, or of mass, from the edge of the soles; 0 beyond it."""
         seen, stands = self.report.physics, self.robot is not None and self.robot.stands
         margin = self.report.com_margin_mm if seen is None else seen.min_zmp_margin_mm
         fell = seen is not None and seen.fallen
@@ -428,15 +420,13 @@ class RunFigures:
 
 
 def _most(values: Mapping[str, Any] | None, size: Callable[[Any], float]) -> dict[str, Any] | None:
-    """The joint with the largest known value; None without any."""
     known = {joint: value for joint, value in (values or {}).items() if not math.isnan(size(value))}
     most = max(known, key=lambda joint: size(known[joint]), default=None)
     return None if most is None else {"joint": most, "value": known[most]}
 
 
 def latency_line(report: Report) -> str:
-    """The latency from hand to shaft, and the stages above a millisecond; "" where nothing is known. Each is a median,
-    and medians of parts do not add up."""
+    """The latency from hand to shaft, and the stages above a millisecond; "" if nothing is known."""
     whole, stages = report.hand_to_shaft_ms, report.latency_ms or {}
     taken = ", ".join(f"{stage} {time.p50:.0f}" for stage, time in stages.items() if time.p50 >= 1.0)
     if whole is None:
@@ -470,7 +460,7 @@ def stream_line(live: LiveReport | None) -> str:
 CHANGED = 0.05
 """Share of goals that the gate may change before a remark."""
 MOST_CHANGED = 0.5
-"""Share of changed goals from which on they are the cause that the sentence names first."""
+"""Share from which on they are the cause that the sentence names first."""
 MOST_DIFFERENCES = 2
 """Number of differences that the sentence names."""
 
@@ -481,7 +471,7 @@ def heading(run: RunResult, report: Report) -> str:
 
 
 def measured_words(run: RunResult, report: Report) -> str:
-    """The seconds that are compared with the performer, and those of all other figures."""
+    """The seconds of following, and those of all other figures."""
     time, rows = run.record.time, run.record.following
     followed = f" from {time[rows][0]:.1f} to {time[rows][-1]:.1f} s" if run.ticks_followed else ""
     whole = f", limits checked over all {time[-1] - time[0]:.0f} s" if run.robot is not None and len(time) else ""
@@ -490,8 +480,8 @@ def measured_words(run: RunResult, report: Report) -> str:
 
 
 def remarks(run: RunResult, report: Report, notes: Sequence[str], *, room: int, kept_back: int = 0) -> list[str]:
-    """The lines that matter: limits that were not kept, then, as `room` allows, postures not followed, the pair that
-    the gate refused most, and notes. One more line counts holds, `kept_back` notices, and notes left out."""
+    """The lines that matter: broken limits, then, as `room` allows, postures not followed, the pair that the gate
+    refused most, and notes. One more line counts holds, `kept_back` notices, and omitted notes."""
     known = findings(run, report)
     lost = [one for one in known if one.kept is False and one.name not in (FOLLOWING, "end")]
     broken = [f"not kept: {one.name}: {one.measured} [allowed: {one.allowed}]" for one in lost]

@@ -1,8 +1,5 @@
-"""A neutral judge of a robot's motion from any program: one table of lines, each kept or not.
-
-Figures are those of the report of our own runs, by the same functions. Figures without a unit of their own are judged
-in the size of the robot.
-"""
+"""A neutral judge of a robot's motion from any program. Figures are those of the report, and the size of the robot is
+the unit of those without one."""
 
 from dataclasses import dataclass, replace
 from math import ceil
@@ -50,30 +47,30 @@ from retarget.schema.catalogue import HUMAN
 from retarget.types import MM, FloatArray, HumanPosture
 
 SWEPT_HZ = 240.0
-"""Rate, Hz, of the postures that are checked for clearance: a hand at 2 m/s then moves by 8 mm."""
+"""Rate, Hz, of postures in clearance checks: a hand at 2 m/s moves by 8 mm."""
 FILE_ROUND_OFF = 1e-6
-"""Round-off, rad, of joint positions in a file in single precision, or with nine decimals."""
+"""Round-off, rad, of joint positions in single precision, or with nine decimals."""
 SLIDE = 0.03
 """Slide of a sole that is allowed, as a share of the root's height: 2 cm for a robot of 1.3 m."""
 IN_AIR, OUTSIDE = 0.1, 0.05
-"""Share of the time without a sole on the floor, and with the robot beyond balance, that are allowed: a hop, and the
-ends of the window in which accelerations are measured."""
+"""Allowed shares of the time without a sole on the floor, and beyond balance: a hop, and the ends of the window of
+accelerations."""
 SHAKES, FROZEN, ASLEEP = 0.1, 0.2, 0.9
-"""Limits of the share of power of joint speeds above human motion, and of the time in which the robot is frozen while
-its performer moves. ASLEEP is that of the time in which nothing moves, without a performer."""
+"""Limits of the share of power above human motion, and of the time in which the robot is frozen: beside a moving
+performer, and of all time."""
 NEARLY_FLAT = np.deg2rad(10.0)
-"""Tilt, rad, below which a sole settles on the floor: two servos of a leg yield as much."""
+"""Tilt, rad, from which a sole settles on the floor: two servos of a leg yield as much."""
 SPIKES, RESAMPLED = 0.005, 1.05
-"""Share of ticks with a joint acceleration beyond its limit that is allowed, and the factor of that limit. Resampling
-by straight lines causes as much."""
+"""Allowed share of ticks beyond the limit of joint accelerations, and factor of that limit. Linear resampling causes as
+much."""
 ASLEEP_RAD_S = 0.01
 """Joint speed, rad/s, below which a robot does not move: a degree in two seconds."""
 
 
 @dataclass(frozen=True)
 class Nearness:
-    """clearance_mm: least distance, negative inside, of postures at rows and between them; null: nothing to compare.
-    deep_share: of the time more than 1 mm inside. pair: the closest."""
+    """clearance_mm: least distance, negative inside, null without any. deep_share: of the time more than 1 mm inside.
+    pair: the closest."""
 
     clearance_mm: float | None
     deep_share: float
@@ -82,9 +79,9 @@ class Nearness:
 
 @dataclass(frozen=True)
 class Feet:
-    """slide_mm: largest slide of a sole on the floor; air_share: of the time in which none touches it; air_mm: greatest
-    height of the lowest corner; sink_mm: depth of the deepest corner. com_outside_share, zmp_outside_share: of the
-    ticks with touching soles, those with the centre of mass, or the zero-moment point, outside their hull."""
+    """slide_mm: largest slide of a sole; air_share: of the time without touch; air_mm: greatest height of the lowest
+    corner; sink_mm: depth of the deepest. com_outside_share, zmp_outside_share: of the ticks with touch, those with the
+    centre of mass, or zero-moment point, outside the soles."""
 
     slide_mm: float
     air_share: float
@@ -99,9 +96,7 @@ class Judgement:
     """A motion, its figures, and the lines of the table.
 
     limits: of position, velocity and acceleration. clearance: to `self`, `scene` and `ground`. jerk_p95: rad/s^3.
-    shake_share: of the power of joint speeds above 6 Hz. frozen_share: of the time in which the performer moves, or of
-    all time without one. report: of the ticks that the performer has too. Shares are from 0 to 1; null: not known, or
-    not of this robot.
+    frozen_share: of the performer's moving time, or of all time. Shares are from 0 to 1; null: not known.
     """
 
     file: str
@@ -132,11 +127,9 @@ class Judgement:
 def judge(
     motion: Motion, robot: RobotBody, *, layout: str, source: SensorFrames | None = None, scene: str | None = None
 ) -> Judgement:
-    """Judge a motion of a robot. source: its performer, from the same moment on; scene: by name or file, in the world
-    of the motion.
+    """Judge a motion of a robot. source: its performer from the same moment on; scene: by name or file.
 
-    Raises InputError where rows are not evenly spaced; ConfigError and UsageError for a scene, and for a performer that
-    cannot be followed.
+    Raises InputError for unevenly spaced rows; ConfigError and UsageError for a scene, and for an unusable performer.
     """
     dt, q = 1.0 / motion.rate_hz, _postures(motion, robot)
     names, positions = robot.joint_map.joints, q[:, robot.servo_columns]
@@ -185,7 +178,6 @@ def _postures(motion: Motion, robot: RobotBody) -> FloatArray:
 
 
 def _nearness(motion: Motion, robot: RobotBody, scene: SceneState | None) -> dict[str, Nearness]:
-    """Clearances at rows and between them."""
     between = max(min(ceil(SWEPT_HZ / motion.rate_hz), int(MAX_FPS / motion.rate_hz)), 1)
     swept = resampled(motion, between * motion.rate_hz) if between > 1 else motion
     parts = robot_clearances(robot, _postures(swept, robot), scene, swept.time - swept.time[0])
@@ -218,13 +210,13 @@ def _feet(stand: Standing, dt: float) -> Feet:
 
 
 GOES_M, TURNS_DEG = 0.2, 30.0
-"""A robot travels and turns with its performer if its soles get farther than GOES_M, in heights of its root, or turn
-more than TURNS_DEG; otherwise it is planted."""
+"""Travel of a robot's soles, in heights of its root, and turn from which on it goes along with its performer; otherwise
+it is planted."""
 
 
 def beside(motion: Motion, robot: RobotBody, source: SensorFrames) -> RunResult:
-    """A motion as a run that followed a performer, over the ticks that both have. Place and heading on the floor differ
-    between programs, so they are those in which the robot is nearest to the desired landmarks."""
+    """A motion as a run that followed a performer, over the ticks that both have. Its place and heading on the floor
+    bring the robot nearest to the desired landmarks, because programs differ in them."""
     q, dt, rate = _postures(motion, robot), 1.0 / motion.rate_hz, motion.rate_hz
     goes = _goes(robot, q)
     options = RunOptions(robot=robot.profile.name, legs="free" if goes else None)
@@ -268,8 +260,8 @@ UNLIKE_S = 0.5
 
 
 def _human_run(source: SensorFrames, robot: RobotBody, rate: float, lasts: float) -> RunResult:
-    """The performer, reconstructed as in a run of the robot. A calibration pose before the motion counts as part of it
-    if the robot's motion, of `lasts` s, is nearer to the whole in duration."""
+    """The performer, reconstructed as in a run. A calibration pose is part of the motion if the durations, `lasts` s,
+    then match better."""
     options = RunOptions(robot=HUMAN, priorities=robot.profile.reconstruct)
 
     def clip(keep: bool) -> RunResult:
@@ -290,7 +282,6 @@ def _no_bus(robot: RobotBody, clock: Clock) -> ServoBus:
 
 
 def _goes(robot: RobotBody, q: FloatArray) -> bool:
-    """True if the soles of a robot travel or turn."""
     if not robot.stands or PELVIS not in robot.profile.landmarks:
         return False
     place = standing_of(robot, q).place.mean(axis=1)[:, :2]
@@ -299,15 +290,14 @@ def _goes(robot: RobotBody, q: FloatArray) -> bool:
 
 
 def _sole_headings(robot: RobotBody, q: FloatArray) -> FloatArray:
-    """Mean direction (T, 2) on the floor of all soles."""
     frames = tuple(foot.frame for foot in robot.profile.feet.values())
     ahead = rotate(robot.orientations(q, frames), np.array([1.0, 0.0, 0.0]))[..., :2].mean(axis=1)
     return np.asarray(ahead / np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9))
 
 
 def _placed(robot: RobotBody, q: FloatArray, desired: FloatArray, names: tuple[str, ...], goes: bool) -> FloatArray:
-    """Postures (T, nq) with the whole motion turned and moved on the floor: planted soles to where a robot stands, else
-    landmarks as near as possible to the desired ones (T, k, 3) m."""
+    """Postures (T, nq), moved as a whole on the floor: planted soles to where a robot stands, else landmarks to the
+    desired ones (T, k, 3) m."""
     reached = robot.points(q, robot.landmark_frames(names))
     if goes:
         a, b = (points[..., :2] - points[..., :2].mean(axis=(0, 1)) for points in (reached, desired))
@@ -367,7 +357,7 @@ FROM_REPORT = (
     "foot path",
     "over the ground",
 )
-"""Lines of the report of a run that apply to a motion beside its performer."""
+"""Lines of the report that apply to a motion beside its performer."""
 
 
 def _lines(found: Judgement, run: RunResult | None, slide_mm: float) -> tuple[Finding, ...]:
@@ -378,7 +368,6 @@ def _lines(found: Judgement, run: RunResult | None, slide_mm: float) -> tuple[Fi
 
 
 def _verdict(found: Judgement) -> str:
-    """The judgement in one sentence."""
     judged = sum(line.kept is not None for line in found.lines)
     if not found.lost:
         return f"The motion keeps all {judged} lines that are judged."

@@ -1,8 +1,8 @@
 """Latency by stage, from a motion of the performer's hand to the shafts of the robot.
 
-Computing times come from the stamps of a tick (fields `time_...` of a row). The lags of smoothing, of body limits and
-of servos are where the cross-correlation of the hand's speeds before and after a stage is highest, in windows of 2 s in
-which the hand moves. The stages follow each other, so their sum is the whole latency, which is also measured by itself.
+Computing times come from stamps of the tick (fields `time_...`). Lags of smoothing, of body limits and of servos are at
+the highest cross-correlation of hand speeds before and after a stage. The sum of the stages is also measured as a
+whole.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,23 +18,22 @@ from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 
 WINDOW_S, MOVES_M_S = 2.0, 0.1
-"""Length of a window, s, and least mean speed of its hand, m/s; in slower ones noise decides the lag."""
+"""Length of a window, s, and least mean speed of its hand, m/s, above the noise."""
 ALIKE = 0.9
-"""Least correlation of speeds whose lag counts, because a hand out of reach has none."""
+"""Least correlation of speeds whose lag counts: a hand out of reach has none."""
 SMOOTHED_S = 0.04
-"""Averaging time, s, of speeds: one encoder tick is 0.05 m/s at the end of an arm."""
+"""Averaging time, s, of speeds: an encoder tick is 0.05 m/s at the hand."""
 HAND_NAMES = (("l_wrist", "l_hand"), ("r_wrist", "r_hand"))
-"""Sensor and human joint, and landmark of the robot, of each hand."""
+"""Sensor and landmark of each hand."""
 LATENCY_STAGES = ("capture", "arrival", "playout", "filter", "human", "robot", "bus", "servo")
-"""In the order of a motion. capture: to the arrival of a frame; arrival: to the tick that uses it; playout: age of the
-poses that are shown; filter: group delay of the smoothing; human, robot: each with its limits, the robot with its gate;
-bus: until the goal is written; servo: from there to the shafts."""
+"""In order. capture: to the arrival of a frame; arrival: to the tick that uses it; playout: age of the poses; filter:
+group delay of the smoothing; human, robot: each with its limits; bus: until the goal is written; servo: from there to
+the shafts."""
 
 
 @dataclass(frozen=True)
 class Latency:
-    """stages: ms, of the known ones. hand_to_shaft: ms, measured; together: ms, sum of the stages in each window; None:
-    not known."""
+    """stages: ms, of the known ones. hand_to_shaft: ms, measured; together: ms, sum of the stages; None: not known."""
 
     stages: dict[str, TimePercentiles]
     hand_to_shaft: TimePercentiles | None
@@ -42,11 +41,8 @@ class Latency:
 
 
 def latency_of(run: RunResult) -> Latency | None:
-    """The latency of a run; None without a robot whose servos answer, or if it did not follow.
-
-    The lags of human, robot and servo, and the whole, are known where a hand moved and was followed for WINDOW_S. A
-    recording of a stream lacks its smoothing, so the whole is not known from it.
-    """
+    """The latency of a run; None without a robot whose servos answer, or without following. Lags are known where a hand
+    moved and was followed for WINDOW_S. A recorded stream lacks its smoothing, so its whole latency is not known."""
     following = run.record.following
     if run.record.robot is None or not run.setup.has_bus or following.stop <= following.start:
         return None
@@ -88,7 +84,6 @@ class _Window:
 
 
 def _windows(run: RunResult) -> Iterator[_Window]:
-    """Yield the windows in which a hand moves and all its lags are known."""
     names = run.record.human_joint_names
     rows = run.record[run.record.following]
     sensors = {name: rows.sensors[:, column] for column, name in enumerate(run.sensors)}
@@ -105,8 +100,7 @@ def _windows(run: RunResult) -> Iterator[_Window]:
 
 
 def lags(run: RunResult, tracks: Mapping[str, FloatArray]) -> list[float]:
-    """Delay, s, of the shafts behind tracks (T, 3) m of wrists, by sensor, at the ticks that followed, in each window
-    in which a hand moves."""
+    """Delay, s, of the shafts behind tracks (T, 3) m of wrists, by sensor, in each window in which a hand moves."""
     found = []
     for sensor, _, shaft in _hands(run):
         for first, last in _moving([_speed(track, run.clip.dt) for track in (tracks[sensor], shaft)], run.clip.dt):
@@ -116,8 +110,7 @@ def lags(run: RunResult, tracks: Mapping[str, FloatArray]) -> list[float]:
 
 
 def _hands(run: RunResult) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-    """Yield the sensor of each hand, and its positions (T, 3) m as sent and by the servos, at the ticks that
-    followed."""
+    """Yield the sensor of each hand, and its positions (T, 3) m as sent and by the servos."""
     robot, rows = run.robot, run.record.following
     present = run.present_q(rows)
     if robot is None or present is None:
@@ -139,7 +132,7 @@ def _moving(speeds: Sequence[FloatArray], dt: float) -> Iterator[list[FloatArray
 
 
 def _speed(track: FloatArray, dt: float) -> FloatArray:
-    """Speed (T,) m/s along a track (T, 3) m, averaged over SMOOTHED_S without a delay; NaN for a single row."""
+    """Speed (T,) m/s along a track (T, 3) m, averaged over SMOOTHED_S without a delay."""
     if len(track) < 2:
         return np.full(len(track), np.nan)
     size = max(round(SMOOTHED_S / dt), 1)
@@ -148,7 +141,7 @@ def _speed(track: FloatArray, dt: float) -> FloatArray:
 
 
 def _lag(before: FloatArray, after: FloatArray, dt: float) -> float | None:
-    """Delay, s, of speeds (T,) behind others; None where they are not ALIKE then, or it is not known."""
+    """Delay, s, of speeds (T,) behind others; None if not ALIKE or not known."""
     first, last = (np.pad(speed[:, None, None], ((0, 0), (0, 0), (0, 2))) for speed in (before, after))
     lag = tracking.lag(first, last, dt)
     if lag is None:
@@ -159,6 +152,6 @@ def _lag(before: FloatArray, after: FloatArray, dt: float) -> float | None:
 
 
 def _filter(run: RunResult, speed: FloatArray) -> float:
-    """Group delay, s, of the sensors' smoothing. The speed is the mean over the way of the hand, because it is the fast
-    parts of a motion that show a lag."""
+    """Group delay, s, of the sensors' smoothing at the mean speed over the path, because fast parts of a motion show
+    the lag."""
     return 0.0 if run.live is None else smoothing_delay(run.live.smoothing, float((speed**2).mean() / speed.mean()))

@@ -38,11 +38,11 @@ TRUNK_POINTS = ("l_hip", "r_hip", "neck")
 def limb_angles(
     robot: RobotBody, q: FloatArray, reference: ReferenceMotion, *, recorded: FloatArray | None = None
 ) -> dict[str, FloatArray]:
-    """Angles (T, s) rad between the limbs of a robot in postures (T, nq) and of the performer in their heading, by limb
-    and for each side. `LEAN` (T, 1): between the leans of their trunks, each from upright.
+    """Angles (T, s) rad between the limbs of robot and performer, by limb and side, in their headings. `LEAN` (T, 1):
+    between the leans of their trunks, each from upright.
 
-    recorded (T, m, 3) m, NaN where not known: the performer's joints instead of the reconstructed ones. A limb without
-    frames of the robot is left out.
+    q: postures (T, nq). recorded (T, m, 3) m: joints instead of the reconstructed ones. Limbs without robot frames are
+    left out.
     """
     joints = reference.joints if recorded is None else recorded
     lines, human = _robot_limbs(robot, q), _human_limbs(reference, joints)
@@ -55,7 +55,6 @@ def limb_angles(
 
 
 def _performer_lean(reference: ReferenceMotion, joints: FloatArray) -> FloatArray:
-    """Lean (T, 2) rad of the performer's trunk from upright, forward and to the left."""
     at = {name: joints[:, reference.joint_names.index(name)] for name in TRUNK_POINTS}
     rest = reference.standing
     upright = rest["neck"] - 0.5 * (rest["l_hip"] + rest["r_hip"])
@@ -63,13 +62,13 @@ def _performer_lean(reference: ReferenceMotion, joints: FloatArray) -> FloatArra
 
 
 MOVES_S, MOVES_DEG, STILL_SHARE = 0.5, 10.0, 0.2
-"""A performer moves if a limb turned by MOVES_DEG within the last MOVES_S. A robot is frozen then if its limbs turned
-by less than STILL_SHARE of that."""
+"""A performer moves if a limb turned by MOVES_DEG within MOVES_S. A robot is frozen if its limbs then turned by less
+than STILL_SHARE of that."""
 
 
 def frozen_share(robot: RobotBody, q: FloatArray, reference: ReferenceMotion) -> float | None:
-    """Share of the time in which the performer moves that the robot, in postures (T, nq), is frozen; None where the
-    performer stands still, or the robot has none of these limbs."""
+    """Share of the performer's moving time in which the robot, in postures (T, nq), is frozen; None if nothing moves,
+    or the robot has no such limbs."""
     human, own = _human_limbs(reference, reference.joints), _robot_limbs(robot, q)
     if not own:
         return None
@@ -91,13 +90,11 @@ def _turned_lately(lines: FloatArray, dt: float) -> FloatArray:
 
 
 LEG_AWAY_DEG = 45.0
-"""Angle beyond which a thigh or shank does not match the performer's: half of that between a level and a hanging one.
-"""
+"""Angle of a thigh or shank that is away: half of that between a level and a hanging one."""
 
 
 def legs_away(angles: Mapping[str, FloatArray], dt: float) -> dict[str, float]:
-    """Longest time, s, that each thigh and shank was more than `LEG_AWAY_DEG` off. angles: from `limb_angles`, `dt` s
-    apart."""
+    """Longest time, s, that each thigh and shank was away. angles: from `limb_angles`, `dt` s apart."""
     found = {}
     for limb in (limb for limb in LEGS if limb in angles):
         for side, off in zip("lr", np.degrees(angles[limb]).T, strict=True):
@@ -106,7 +103,7 @@ def legs_away(angles: Mapping[str, FloatArray], dt: float) -> dict[str, float]:
 
 
 def _robot_limbs(robot: RobotBody, q: FloatArray) -> dict[str, FloatArray]:
-    """Lines (T, 2, 3) m of both sides of each limb of which a robot has the frames, in postures (T, nq)."""
+    """Lines (T, 2, 3) m of both sides of each limb of a robot."""
     lines = {}
     for limb, parts in LIMB_ENDS.items():
         first, last = (tuple(f"{side}_{part}" for side in "lr") for part in parts)
@@ -132,43 +129,38 @@ def _has_trunk(robot: RobotBody) -> bool:
 
 
 def _trunk(robot: RobotBody, q: FloatArray) -> FloatArray:
-    """Line (T, 3) m from the middle of the hips to the neck."""
     left, right, neck = np.moveaxis(robot.points(q, TRUNK_POINTS), 1, 0)
     return np.asarray(neck - 0.5 * (left + right))
 
 
 def _lean(line: FloatArray) -> FloatArray:
-    """Angles (T, 2) rad by which lines (T, 3) lean forward and to the left."""
+    """Lean (T, 2) rad of lines (T, 3), forward and to the left."""
     return np.arctan2(line[:, :2], line[:, 2:])
 
 
 def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Angles (...) rad between lines (..., 3)."""
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1)))
 
 
-# Best posture of each arm, by search. The cost of an arm is that of the solver: distances between the lines of the
-# whole arm, the upper arm and the forearm, each by its length and weight. So a posture is a point in space, and the
-# best one is the nearest that the joint limits allow and in which the arm meets neither the trunk nor itself. The
-# search starts from postures spread over all ranges and takes random steps of falling size. The trunk is at its target,
-# and speeds, the legs and the other arm do not count, so that no robot does better.
+# Best posture of each arm, by search. The cost is that of the solver: distances between the lines of the whole arm, the
+# upper arm and the forearm, each by its length and weight. Joint limits hold, and the arm meets neither the trunk nor
+# itself. The search starts from postures spread over all ranges, with random steps of falling size. The trunk is at its
+# target, and speeds and other limbs do not count, so no robot does better.
 
 SPREAD = 20_000
-"""Postures spread over the ranges of an arm: 4 to 15 degrees apart for three to four joints."""
+"""Postures spread over an arm: 4 to 15 degrees apart for three to four joints."""
 STARTS, DRAWS, ROUNDS = 6, 12, 24
-"""Postures from which a search begins, random steps in each round, and rounds."""
+"""Start postures of a search, random steps in each round, and rounds."""
 FIRST_STEP, SHRINKING = 0.15, 0.8
-"""Step of the first round, as a share of each joint's range, and its factor from round to round. The last steps are
-below a tenth of a degree."""
+"""First step, as a share of each joint's range, and its factor per round. The last steps are below a tenth of a
+degree."""
 SEARCH_BLOCK = 64
 """Instants that are searched together, which bounds the memory."""
 
 
 def best_angles(robot: RobotBody, reference: ReferenceMotion, weights: Mapping[str, float]) -> dict[str, FloatArray]:
-    """Like `limb_angles`, for the arms in their best posture and the lean of the trunk, at one tick in `EVERY`.
-
-    weights: of limbs by name, as in a priority file; 1 for others. Empty where the robot has no landmarks for hands.
-    """
+    """Like `limb_angles`, for the best arms and the trunk, at one tick in `EVERY`. weights: of limbs, 1 for others.
+    Empty without landmarks for hands."""
     stance = plant(robot, robot.profile.postures.stand)
     turn = torso_rotation(robot, stance, reference)
     lines = _robot_limbs(robot, stance.q[None])
@@ -200,8 +192,8 @@ def best_angles(robot: RobotBody, reference: ReferenceMotion, weights: Mapping[s
 def best_postures(
     robot: RobotBody, stance: Stance, side: str, desired: FloatArray, weights: Mapping[str, float]
 ) -> FloatArray:
-    """Postures (t, nq) of the arm of a side, the rest in its stance, whose lines are nearest to the desired ones (t, k,
-    3) m: those of the landmarks `PARTS` of the profile, as the trunk of the stance sees them."""
+    """Postures (t, nq) of one arm, the rest in its stance, whose lines are nearest to the desired ones (t, k, 3) m of
+    the landmarks `PARTS`, in the trunk frame."""
     landmark, arm, chance = f"{side}_hand", _arm(robot, side), np.random.default_rng(0)
     scale = np.array([weights.get(name, 1.0) / entry.robot_length for name, entry in arm.items()])
     frames, anchors = tuple(entry.frame for entry in arm.values()), tuple(entry.anchor[0] for entry in arm.values())
@@ -211,7 +203,6 @@ def best_postures(
     clear = arm_clearance(robot, stance, landmark)
 
     def points(q: FloatArray) -> FloatArray:
-        """Lines of the arm in postures (n, nq), one after the other (n, 3 k)."""
         return np.asarray(scale[:, None] * (robot.points(q, frames) - robot.points(q, anchors))).reshape(len(q), -1)
 
     spread = arm_postures(robot, stance, landmark, SPREAD)
@@ -239,14 +230,13 @@ def best_postures(
 
 
 def _arm(robot: RobotBody, side: str) -> dict[str, Landmark]:
-    """The landmarks of the arm of a side, by name."""
     marks = robot.profile.landmarks
     return {name: marks[name] for part in PARTS if (name := f"{side}_{part}") in marks}
 
 
 def arm_clearance(robot: RobotBody, stance: Stance, landmark: str) -> Callable[[FloatArray], BoolArray]:
-    """A function of postures (n, nq) that is true (n,) where the limb of a landmark meets neither itself nor the links
-    that carry it. Geoms and pairs of links are those of the report."""
+    """A function of postures (n, nq), true (n,) where the limb of a landmark meets neither itself nor the links that
+    carry it, by the geoms of the report."""
     body, profile = robot.body, robot.profile
     chain = {int(body.joint_body[joint]) for joint in chain_to_anchor(robot, landmark)}
     carrying = body.chain_to_root(robot.frame(profile.landmarks[landmark].anchor[0]).body)

@@ -74,16 +74,15 @@ def table(name: str) -> Sequence[Mapping[str, Any]]:
 def lines_of(name: str, seen: object, *, planned: str = "") -> Iterator[Finding]:
     """Yield the known lines of a table. planned: suffix of the names of lines about the plan."""
     for line in table(name):
-        says = in_words(line["says"], seen)
-        if says:
+        first = in_words(line["says"], seen)
+        if first:
             also = filter(None, (in_words(text, seen) for text in line.get("also", ())))
-            measured = "; ".join([says, *also])
+            measured = "; ".join([first, *also])
             allowed = in_words(line.get("bound", ""), seen)
             yield Finding(line["name"] + planned * line.get("planned", False), measured, allowed, _kept(line, seen))
 
 
 def _kept(line: Mapping[str, Any], seen: object) -> bool | None:
-    """True if the bound of a line is kept; None without one, or without its figure."""
     if "broken" in line:
         broken = figure_of(seen, line["broken"])
         return None if broken is None else not broken

@@ -124,7 +124,6 @@ def percentiles(seconds: FloatArray, scale: float) -> Percentiles:
 
 
 def _extreme(run: RunResult, values: FloatArray, *, sign: float = 1.0) -> ServoExtreme | None:
-    """The servo with the largest of the values (T, n), and that value times `sign`."""
     if run.robot is None or not np.isfinite(values).any():
         return None
     column = int(np.nanargmax(values)) % values.shape[1]
@@ -186,7 +185,6 @@ def measure(run: RunResult) -> Report:
 
 
 def _imu(run: RunResult) -> ImuReport | None:
-    """Tilt of the IMU's link, measured and planned."""
     record, robot = run.record.robot, run.robot
     if record is None or robot is None or robot.profile.imu is None:
         return None
@@ -209,7 +207,6 @@ Part = dict[str, Any]
 
 
 def _sent(run: RunResult) -> Part:
-    """Goals of a robot, and the errors of its servos to goals and landmarks."""
     sent, robot = run.record.robot, run.robot
     if sent is None or robot is None:
         return {}
@@ -296,7 +293,6 @@ def travel(run: RunResult) -> tuple[BothMoved, BothMoved]:
 
 
 def _foot_path_ratio(run: RunResult, reference: ReferenceMotion | None) -> float | None:
-    """Ratio over the ticks that followed; None for a robot without feet that follow."""
     robot, q, rows = run.robot, run.moved_q, run.record.following
     if robot is None or reference is None or q is None or not run.ticks_followed:
         return None
@@ -308,7 +304,6 @@ def _foot_path_ratio(run: RunResult, reference: ReferenceMotion | None) -> float
 
 
 def _hands(run: RunResult, reference: ReferenceMotion | None, moved: FloatArray) -> Part:
-    """Tracking of the hands at the ticks with their targets within reach. moved (T, k, 3) m."""
     robot, q = run.robot, run.seen_q
     if robot is None or q is None or reference is None:
         return {}
@@ -326,7 +321,6 @@ def _hands(run: RunResult, reference: ReferenceMotion | None, moved: FloatArray)
 
 
 def _likeness(run: RunResult, reference: ReferenceMotion | None) -> Part:
-    """Angles, degrees, between the limbs and trunks of robot and performer while it followed."""
     robot, q = run.robot, run.seen_q
     if robot is None or q is None or reference is None:
         return {}
@@ -347,7 +341,6 @@ def _likeness(run: RunResult, reference: ReferenceMotion | None) -> Part:
 
 
 def _limb_angles(run: RunResult, q: FloatArray, reference: ReferenceMotion, *, recorded: bool) -> dict[str, FloatArray]:
-    """Like `limb_angles`, at the ticks that followed. recorded: against the recorded body."""
     robot, following = run.robot, run.record.following
     assert robot is not None, "a robot follows"
 
@@ -371,7 +364,6 @@ def best_likeness(run: RunResult) -> dict[str, Spread] | None:
 
 
 def _degrees(angles: dict[str, FloatArray]) -> dict[str, Spread]:
-    """Spreads, degrees, of the angles, rad, of which any is known."""
     return {name: spread for name, found in angles.items() if (spread := _spread(np.degrees(found)))}
 
 
@@ -442,18 +434,15 @@ def _standing(run: RunResult) -> Part:
 
 
 def _spreads(names: tuple[str, ...], desired: FloatArray, actual: FloatArray) -> dict[str, Spread]:
-    """Spread of the distances, mm, of each track that is known."""
     return _spread_of(names, MM * in_blocks(lambda rows: tracking.distances(desired[rows], actual[rows]), len(desired)))
 
 
 def _spread_of(names: tuple[str, ...], errors: FloatArray) -> dict[str, Spread]:
-    """Spread of each column of errors (T, k) that is known."""
     spreads = {name: _spread(errors[:, column]) for column, name in enumerate(names)}
     return {name: spread for name, spread in spreads.items() if spread is not None}
 
 
 def _spread(errors: FloatArray) -> Spread | None:
-    """Spread of the finite errors, of any shape; None without any."""
     known = errors[np.isfinite(errors)]
     return Spread(float(known.mean()), float(np.percentile(known, 95)), float(known.max())) if known.size else None
 

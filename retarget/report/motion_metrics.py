@@ -19,21 +19,19 @@ from retarget.run.run_result import RunResult
 from retarget.types import MM, BoolArray, FloatArray
 
 BLOCK = 256
-"""Rows that are measured together, which bounds the memory of a long run. The distances of all pairs of observers need
-35 MB for one block."""
+"""Rows that are measured together: 35 MB for the distances of all observer pairs."""
 
 Array = TypeVar("Array", bound=NDArray[np.generic])
 
 
 def blocks(count: int) -> Iterator[slice]:
-    """Yield the slice of each block of `count` rows, in order; one empty slice for no rows."""
+    """Yield the slice of each block of `count` rows; one empty slice for no rows."""
     for first in range(0, max(count, 1), BLOCK):
         yield slice(first, min(first + BLOCK, count))
 
 
 def in_blocks(measured: Callable[[slice], Array], count: int) -> Array:
-    """The results of `measured` for `count` rows, (count, ...). measured: takes a slice of rows, each measured from
-    itself alone."""
+    """The results (count, ...) of `measured` for slices of `count` rows."""
     return in_named_blocks(lambda rows: {"": measured(rows)}, count)[""]
 
 
@@ -49,14 +47,13 @@ def in_named_blocks(measured: Callable[[slice], Mapping[str, Array]], count: int
 
 
 TOLERANCE = 1e-8
-"""Round-off, rad or m, by which a position or the displacement of one tick may exceed its limit. The change of a
-displacement may exceed it by twice this."""
+"""Round-off, rad or m, of a position or a displacement beyond its limit; twice this for a change of displacement."""
 
 
 @dataclass(frozen=True, eq=False)
 class MovedJoints:
-    """The joints that a run moves: positions (T, n) that were sent, rad or m; limits (n,); dt, s, by which their speeds
-    are judged. A human alone has its free joints and its reconstructed postures."""
+    """The joints that a run moves: positions (T, n) that were sent, rad or m; limits (n,); dt, s. A human has its free
+    joints."""
 
     names: tuple[str, ...]
     positions: FloatArray
@@ -79,7 +76,7 @@ def moved_joints(run: RunResult) -> MovedJoints:
 
 @dataclass(frozen=True)
 class LimitViolations:
-    """Number of values, over all joints and ticks, beyond a limit."""
+    """Number of values beyond a limit, over all joints and ticks."""
 
     position: int
     velocity: int
@@ -89,10 +86,10 @@ class LimitViolations:
 def limit_violations(
     positions: FloatArray, limits: JointLimits, dt: float, *, from_rest: bool = True, to_rest: bool = False
 ) -> LimitViolations:
-    """Count violations in joint positions (T, n), `dt` s apart; limits (n,).
+    """Count violations in joint positions (T, n), `dt` s apart.
 
-    from_rest: the motion begins at rest; otherwise the first displacement counts without acceleration. to_rest: it
-    stands still after the last row. A joint that begins beyond a position limit counts only after it has come inside.
+    from_rest: the motion begins at rest; otherwise the first displacement has no acceleration. to_rest: it stands still
+    after the last row. A joint that begins beyond a position limit counts only after it was inside.
     """
     counts = np.zeros(3, dtype=np.int64)
     for joint, track in enumerate(positions.T):  # one by one: a run is long, and each step of this is as large as it
@@ -118,8 +115,7 @@ def _beyond(
 
 @dataclass(frozen=True)
 class BeyondLimit:
-    """share: ticks in which any joint is beyond its limit. joint, joint_share: the joint that is beyond it most often,
-    and its share of ticks; None and 0 without one."""
+    """share: ticks with any joint beyond its limit. joint, joint_share: the most frequent one."""
 
     share: float
     joint: str | None
@@ -129,8 +125,8 @@ class BeyondLimit:
 def beyond_limits(
     names: tuple[str, ...], positions: FloatArray, limits: JointLimits, dt: float, *, tolerance: float
 ) -> dict[str, BeyondLimit]:
-    """Violations of limits of `position`, `velocity` and `acceleration`. positions (T, n), T at least 3, `dt` s apart,
-    cut from a motion. tolerance: as TOLERANCE, for the precision of a file."""
+    """Violations of limits of `position`, `velocity` and `acceleration`, for positions (T, n) cut from a motion, T at
+    least 3. tolerance: of the file."""
     by_joint = [_beyond(track, np.diff(track), limits, joint, dt, tolerance) for joint, track in enumerate(positions.T)]
     found = {}
     for kind, flags in zip(("position", "velocity", "acceleration"), zip(*by_joint, strict=True), strict=True):
@@ -157,8 +153,8 @@ class Nearest:
 
 @dataclass(frozen=True)
 class LimitUse:
-    """Use of joint limits; None where no joint has such a limit, or too few ticks were sent. room: the joint that came
-    nearest to a position limit, and its distance, rad (or m), negative beyond it."""
+    """Use of joint limits, None if unknown. room: the joint nearest to a position limit, and its distance, rad (or m),
+    negative beyond."""
 
     room: tuple[str, float] | None
     velocity: Nearest | None
@@ -166,8 +162,8 @@ class LimitUse:
 
 
 def limited_positions(run: RunResult) -> FloatArray:
-    """Joint positions (T, n) that must keep limits. For a robot: the goals, after the one that was there before. For a
-    robot that walks: its postures, because their offset has a bound of its own. For a human: its postures."""
+    """Joint positions (T, n) that keep limits: the goals of a robot, from the one before; the postures of a human, or
+    of a walking robot, whose offset has its own bound."""
     moved, sent = moved_joints(run).positions, run.record.robot
     return moved if sent is None else np.vstack([sent.start, sent.goals if run.tally.walk is None else moved])
 
@@ -193,8 +189,8 @@ def limit_use(run: RunResult) -> LimitUse:
 
 @dataclass(frozen=True)
 class HeldBack:
-    """A limb that one limit restrains in most ticks of following. limb: "left arm", ...; by: the joint at its position
-    limit, or the observer in contact; limit_deg: that limit, null for an observer; share: of the ticks."""
+    """A limb that one limit restrains. limb: "left arm", ...; by: the joint at its position limit, or the observer in
+    contact; limit_deg: null for an observer; share: of the ticks."""
 
     limb: str
     by: str
@@ -203,24 +199,22 @@ class HeldBack:
 
     @property
     def words(self) -> str:
-        """The limb, its limit and its share of ticks, in words."""
+        """The limb and its limit, in words."""
         by = f"observer {self.by}" if self.limit_deg is None else f"{self.by} at its limit of {self.limit_deg:.0f}°"
         return f"the {self.limb} is held back by {by} in {self.share:.0%} of ticks"
 
 
 HELD_BACK, AT_LIMIT = 0.5, 1e-3
-"""Share of ticks in which a limit restrains a limb, and distance, rad, of a joint from its limit at which it counts as
-at it."""
+"""Share of ticks in which a limit restrains a limb, and distance, rad, of a joint that is at its limit."""
 PROBE_RAD, NEARER_M = 0.1, 1e-3
-"""A joint at a limit restrains the limb if moving it by PROBE_RAD beyond the limit brings the landmarks nearer to their
-targets by NEARER_M in all."""
+"""A joint at a limit restrains the limb if PROBE_RAD beyond it the landmarks are nearer to their targets by NEARER_M in
+all."""
 LIMB_OF = {"l_hand": "left arm", "r_hand": "right arm", "l_sole": "left leg", "r_sole": "right leg"}
-"""The limb that ends at each landmark."""
+"""The limb that ends at a landmark."""
 
 
 def held_back(run: RunResult) -> tuple[HeldBack, ...]:
-    """For each limb of a robot the limit that restrains it most often, if in `HELD_BACK` of the ticks or more, by
-    falling share."""
+    """The limit that restrains each limb of a robot most, from `HELD_BACK` on, by falling share."""
     robot, sent, rows = run.robot, run.record.robot, run.record.following
     if robot is None or sent is None or not run.ticks_followed:
         return ()
@@ -241,8 +235,8 @@ def held_back(run: RunResult) -> tuple[HeldBack, ...]:
 
 
 def _at_limit(robot: RobotBody, sent: Record, rows: slice, column: int, sign: float) -> tuple[float, float]:
-    """The limit of a servo's joint, degrees, and the share of `rows` in which it restrains the limb. sign: -1 for the
-    lower limit, 1 for the upper one."""
+    """A limit of a servo's joint, degrees, and the share of `rows` in which it restrains the limb. sign: -1 lower, 1
+    upper."""
     limit = float((robot.limits.lower if sign < 0.0 else robot.limits.upper)[column])
     at = sign * (limit - sent.goals[rows, column]) < AT_LIMIT
     if at.mean() < HELD_BACK:
@@ -274,13 +268,12 @@ def jerk_p95(positions: FloatArray, dt: float) -> float | None:
 
 
 SHAKE_HZ = 6.0
-"""Upper limit of human motion, Hz, at which movement analysis filters (Winter, Biomechanics of Human Movement, 2009).
-"""
+"""Filter frequency of human movement analysis, Hz (Winter, Biomechanics of Human Movement, 2009)."""
 
 
 def shake_share(positions: FloatArray, dt: float) -> float | None:
-    """Share of the power of joint speeds above `SHAKE_HZ`. positions (T, n) rad. None where rows are too few or too far
-    apart, or nothing moves."""
+    """Share of the power of joint speeds above `SHAKE_HZ`. positions (T, n) rad. None for too few rows, or no
+    motion."""
     if 0.5 / dt <= SHAKE_HZ or len(positions) * dt < 2.0 / SHAKE_HZ:
         return None
     speeds = np.diff(positions, axis=0)
@@ -291,26 +284,21 @@ def shake_share(positions: FloatArray, dt: float) -> float | None:
 
 
 CONTACT_M = 0.005
-"""Height, m, up to which a corner of a sole supports. The ground is z = 0."""
+"""Height, m, above the ground z = 0 up to which a corner of a sole supports."""
 OUTSIDE_M = 1e-4
-"""Distance, m, beyond the support polygon from which the centre of mass counts as outside."""
+"""Distance, m, of a centre of mass that is outside the support polygon."""
 _DIRECTIONS = np.deg2rad(np.arange(0.0, 360.0, 2.0))
-"""Directions, rad, in which the support polygon is bounded."""
 
 
 def tilt(orientation: FloatArray) -> FloatArray:
-    """Angle (...) rad between the vertical and the z axis of a frame with orientation (..., 4) wxyz."""
+    """Angle (...) rad from the vertical of the z axis of a frame with orientation (..., 4) wxyz."""
     upward = rotations.rotate(orientation, np.array([0.0, 0.0, 1.0]))
     return np.asarray(np.arccos(np.clip(upward[..., 2], -1.0, 1.0)))
 
 
 def support_margin(centre_of_mass: FloatArray, corners: FloatArray) -> FloatArray:
-    """Distance (T,) m of the centre of mass (T, 3) inside the convex hull of the corners (T, c, 3) that touch the
-    ground.
-
-    Negative outside, NaN where nothing touches. The smallest distance to the hull's tangents 2 degrees apart, exact to
-    0.02 % of its size.
-    """
+    """Distance (T,) m of the centre of mass (T, 3) inside the convex hull of the touching corners (T, c, 3); negative
+    outside, NaN without touch. Tangents of the hull every 2 degrees are exact to 0.02 % of its size."""
     touching = corners[..., 2] <= CONTACT_M  # (T, c)
     directions = np.stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)])
     farthest = np.full((len(corners), _DIRECTIONS.size), -np.inf)
@@ -323,14 +311,13 @@ def support_margin(centre_of_mass: FloatArray, corners: FloatArray) -> FloatArra
 
 
 AT_REST_M, STEP_M = 2e-5, 2e-3
-"""Motion in one tick, m, below which a sole is at rest, and distance from its last place, m, beyond which it has made a
-step."""
+"""Motion in one tick, m, of a sole at rest, and distance, m, of a step."""
 
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """A robot on k soles in T postures: com (T, 3) m; margin (T,) m, see `support_margin`; place (T, k, 3) m and tilt
-    (T, k) rad of the soles; corners (T, c, 3) m of all soles, `sizes` of them each."""
+    """A robot on k soles in T postures: com (T, 3) m; margin (T,) m; place (T, k, 3) m and tilt (T, k) rad of the
+    soles; corners (T, c, 3) m, `sizes` for each sole."""
 
     com: FloatArray
     margin: FloatArray
@@ -359,7 +346,7 @@ class Standing:
 
     @property
     def outside(self) -> BoolArray:
-        """True (T,) where the centre of mass is beyond the edge, or nothing supports."""
+        """True (T,) where the centre of mass has no support."""
         return np.asarray(~(self.margin >= -OUTSIDE_M))
 
 
@@ -381,13 +368,13 @@ def standing_of(robot: RobotBody, q: FloatArray) -> Standing:
 
 
 ZMP_S = 0.05
-"""Half of the window, s, in which a parabola gives the acceleration of the centre of mass."""
+"""Half width, s, of the parabola that gives the acceleration of the centre of mass."""
 
 
 def zero_moment_points(com: FloatArray, dt: float) -> FloatArray:
-    """Zero-moment points (T, 2) m on the floor, NaN in free fall and at both ends. com (T, 3) m, `dt` s apart.
+    """Zero-moment points (T, 2) m on the floor, NaN in free fall and at both ends. com (T, 3) m. dt: s.
 
-    All mass is in one point: p = c - z / (g + z'') c''.
+    For a point mass p = c - z / (g + z'') c''.
     """
     half = max(round(ZMP_S / dt), 1)
     found = np.full((len(com), 2), np.nan)
@@ -405,8 +392,8 @@ def zero_moment_points(com: FloatArray, dt: float) -> FloatArray:
 
 
 def foot_slide(place: FloatArray, lowest: FloatArray) -> float:
-    """Largest distance, m, of a sole from its touchdown while it touches. place (T, 3) m of the sole; lowest (T,) m,
-    height of its lowest corner."""
+    """Largest distance, m, of a sole from its touchdown. place (T, 3) m of the sole; lowest (T,) m, height of its
+    lowest corner."""
     slide = 0.0
     for first, last in spans(np.asarray(lowest <= CONTACT_M)):
         on_ground = place[first:last, :2]
@@ -421,12 +408,12 @@ def spans(flags: BoolArray) -> list[tuple[int, int]]:
 
 
 REACTIVE = 2
-"""Mode of an observer that moves its part away; 1: it damps the approach; 0: nothing is near."""
+"""Mode of an observer in contact; 1: it damps the approach; 0: nothing is near."""
 
 
 @dataclass(frozen=True)
 class ModeSwitches:
-    """Changes of mode per second: mean over the observers, and the worst one with its name; None: none changed."""
+    """Changes of mode per second: mean of all observers, and the worst with its name, None if none changed."""
 
     mean: float
     worst: float
@@ -434,8 +421,8 @@ class ModeSwitches:
 
 
 def observer_activity(modes: NDArray[np.uint8], names: tuple[str, ...], dt: float) -> tuple[ModeSwitches, float] | None:
-    """Changes of the observer modes (T, n), `dt` s apart, and the share of ticks with any in contact; None without
-    ticks or observers."""
+    """Changes of observer modes (T, n), and the share of ticks with any in contact; None without ticks or observers.
+    dt: s."""
     ticks, count = modes.shape
     if count != len(names):
         raise ValueError(f"{len(names)} names for {count} observers")
@@ -454,7 +441,7 @@ HEAT_MODEL = "stated, calibrated on no hardware"
 
 @dataclass(frozen=True)
 class TorqueSpread:
-    """Absolute torque of a servo over a run, N m."""
+    """Absolute torque of a servo, N m."""
 
     p95: float
     max: float
@@ -462,14 +449,10 @@ class TorqueSpread:
 
 @dataclass(frozen=True)
 class PhysicsReport:
-    """A simulated run of a robot with mass.
-
-    fallen_at_s: on the run's time; how: in words. toppled: fall of a robot at rest without torque. min_zmp_margin_mm:
-    least distance of the centre of pressure from the edge of the loaded soles; None if the robot walked. foot_slip_mm:
-    slip of each loaded sole, and `total`. sole_tilt_max_deg: of a loaded sole. torque_nm, temperature_c (hottest): per
-    servo. self_contacts, fixture_contacts: ticks with any. realtime_factor: clip time over wall time; null: nothing was
-    followed.
-    """
+    """A simulated run. fallen_at_s: on the run's time; how: in words. toppled: fall at rest without torque.
+    min_zmp_margin_mm: of the centre of pressure in the loaded soles; None for a walk. foot_slip_mm: of each loaded
+    sole, and `total`. torque_nm, temperature_c: per servo. self_contacts, fixture_contacts: ticks with any.
+    realtime_factor: clip time over wall time."""
 
     mount: str
     seed: int

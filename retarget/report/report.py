@@ -46,8 +46,7 @@ class Percentiles:
 
 @dataclass(frozen=True)
 class Clearances:
-    """Smallest distances, mm, negative inside. self: between links of the robot. scene: to fixtures. ground: of links
-    without a sole."""
+    """Smallest distances, mm, negative inside. self: of links. scene: to fixtures. ground: of links without a sole."""
 
     self: float | None
     scene: float | None
@@ -65,7 +64,7 @@ class ServoExtreme:
 @dataclass(frozen=True)
 class HeatReport:
     """The load-bearing servo that gets warm first if the run goes on. temperature, at: now and at its warning, degrees
-    Celsius; per_minute: degrees; left_min: null if it stays cooler."""
+    Celsius; left_min: null if it stays cooler."""
 
     joint: str
     temperature: float
@@ -76,12 +75,9 @@ class HeatReport:
 
 @dataclass(frozen=True)
 class BusReport:
-    """rate_hz: ticks per second on the bus's clock. cycle_ms: wall time of a tick.
-
-    faults: silent or alarmed servos, and bus failures. longest_period_ms: between two ticks; missed_ticks: deadlines
-    without one. retries: repeated requests. hottest: degrees Celsius; lowest_voltage: V. warms: null in the first
-    minute. Null: not measured.
-    """
+    """rate_hz: ticks per second on the bus's clock. cycle_ms: wall time of a tick. faults: silent or alarmed servos,
+    and bus failures. longest_period_ms: between two ticks; missed_ticks: deadlines without one. retries: repeated
+    requests. hottest: degrees Celsius; lowest_voltage: V. warms: null in the first minute."""
 
     rate_hz: float | None
     cycle_ms: Percentiles
@@ -104,8 +100,7 @@ class StopReport:
 
 @dataclass(frozen=True)
 class DeepReport:
-    """frames: ticks of `penetrating_frames` deeper than 1 mm. obstacle, ground: the pairs of the scene and ground
-    clearances."""
+    """frames: ticks deeper than 1 mm. obstacle, ground: pairs of the scene and ground clearances."""
 
     frames: int | None
     obstacle: tuple[str, str] | None
@@ -114,14 +109,14 @@ class DeepReport:
 
 @dataclass(frozen=True)
 class ObserversReport:
-    """reactive_share: of the ticks that followed, those with an observer in contact."""
+    """reactive_share: of the ticks of following, those in contact."""
 
     reactive_share: float
 
 
 @dataclass(frozen=True)
 class Soles:
-    """Worst of all soles over the run. height_mm: distance from the ground; tilt_deg: from flat."""
+    """Worst of all soles. height_mm: from the ground; tilt_deg: from flat."""
 
     height_mm: float
     tilt_deg: float
@@ -129,8 +124,8 @@ class Soles:
 
 @dataclass(frozen=True)
 class ImuReport:
-    """Measurements of the IMU. tilt_deg: largest tilt of its link from the vertical; off_plan_deg: from its tilt in the
-    posture that was sent. invalid: ticks without a valid measurement."""
+    """tilt_deg: largest tilt from the vertical; off_plan_deg: from the tilt in the posture that was sent. invalid:
+    ticks without a valid measurement."""
 
     tilt_deg: float
     off_plan_deg: Spread | None
@@ -139,10 +134,8 @@ class ImuReport:
 
 @dataclass(frozen=True)
 class Unfollowed:
-    """A posture of the performer that a robot on planted soles cannot take.
-
-    what: "kneels", "lies or sits on the floor" or "jumps". from_s, to_s: on the time of the run.
-    """
+    """A posture that a robot on planted soles cannot take. what: "kneels", "lies or sits on the floor" or "jumps".
+    from_s, to_s: on the time of the run."""
 
     what: str
     from_s: float
@@ -153,8 +146,8 @@ class Unfollowed:
 class Report:
     """One run. Keys up to `stop` are stable; later ones may grow.
 
-    Physics, likeness, hands, heights, paths, travel and turns are those of the simulated body, if there is one. Figures
-    that compare with the performer count the ticks of following, lag included.
+    Physics, likeness, hands, heights, paths, travel and turns are those of the simulated body, if any. Comparisons with
+    the performer count the ticks of following.
     """
 
     frames: int
@@ -174,33 +167,33 @@ class Report:
     retarget_us: Percentiles | None = None
     """Thread CPU per tick, robot stage."""
     tracking_mm: dict[str, Spread]
-    """Landmarks of a robot to their targets at the same tick; joints of a human to sensors."""
+    """Landmarks of a robot to their targets; joints of a human to sensors."""
     lag_s: float | None
-    """Delay with the highest correlation of targets and landmarks; null for a short run."""
+    """Delay with the highest correlation of targets and landmarks."""
     hand_path_ratio: float | None = None
-    """Length of the hands' paths over that of their targets; 0 for a frozen robot."""
+    """Length of the hands' paths over their targets'."""
     pelvis_excursion_ratio: float | None = None
-    """Range of the pelvis height over that of its target."""
+    """Range of the pelvis height over its target's."""
     unsensed_mm: dict[str, float] | None = None
     """Joints without a sensor, to the recorded body."""
     min_clearance_mm: Clearances
-    """Smallest distances on the body file's own geoms, by MuJoCo."""
+    """Smallest distances on the body file's geoms."""
     penetrating_frames: int | None
-    """Ticks with overlaps of links, obstacles or the floor by more than 1 um."""
+    """Ticks with overlaps by more than 1 um."""
     gated_frames: int | None = None
     """Ticks in which the gate changed the goal."""
     limit_violations: LimitViolations
-    """Values beyond a limit by more than `motion_metrics.TOLERANCE`, by finite differences of the goals."""
+    """Values beyond a limit, by finite differences of the goals."""
     priority_violation_max: float | None
-    """Largest error of a task of the highest level, mm or mrad."""
+    """Largest error in the highest level, mm or mrad."""
     com_outside_support_frames: int | None = None
-    """Ticks with the centre of mass outside the hull of the soles."""
+    """Ticks with the centre of mass outside the soles."""
     foot_slide_mm: float | None = None
     """Largest slide of a touching sole."""
     jerk_p95: float | None
     """Jerk of joints, rad/s^3."""
     fallen: bool | None = None
-    """True if the robot fell in the simulation; null without one."""
+    """True if the robot fell in the simulation."""
     mode_switches_per_s: ModeSwitches | None = None
     """Changes of observer modes, mean and worst."""
     bus: BusReport | None
@@ -210,24 +203,23 @@ class Report:
     sensors_mm: dict[str, Spread]
     """Joints of the reconstructed human to their sensors."""
     servo_tracking_mm: dict[str, Spread] | None = None
-    """Like `tracking_mm`, at measured servo positions."""
+    """Like `tracking_mm`, by the servos."""
     servo_error_deg: dict[str, Spread] | None = None
     """Distance of each servo from the goal of the tick before."""
     no_command_frames: int | None = None
     """Ticks without a goal, in which the gate braked; not in `gated_frames`."""
     likeness_deg: dict[str, Spread] | None = None
-    """Angles between limbs of robot and performer: upper arms, forearms, thighs, shanks."""
+    """Angles between limbs of robot and performer."""
     trunk_lean_deg: Spread | None = None
     """Angle between the leans of both trunks."""
     likeness_recorded_deg: dict[str, Spread] | None = None
     """Limbs and `trunk_lean` against the recorded body; null if it is incomplete."""
     legs_away_s: dict[str, float] | None = None
-    """Longest time of each thigh and shank more than 45 degrees off, to the recorded body if it is known."""
+    """Longest time of a thigh or shank more than 45 degrees off."""
     pelvis_height_mm: Spread | None = None
     """Error of the pelvis height."""
     best_likeness_deg: dict[str, Spread] | None = None
-    """Likeness of arms and `trunk_lean` in the best postures that limits and self-collision allow; null without the
-    option."""
+    """Likeness in the best postures that limits and self-collision allow; null without the option."""
     travelled_m: BothMoved
     """Diagonal of the ground that the pelvis covers."""
     turned_deg: BothMoved
@@ -235,15 +227,13 @@ class Report:
     foot_path_ratio: float | None = None
     """Length of the feet's paths over the performer's."""
     reachable_hands_mm: dict[str, float] | None = None
-    """Mean error of each hand, seen from its shoulder, of both, and of the worse, in ticks with the target within reach
-    of the arm."""
+    """Mean error of hands, seen from the shoulder, in ticks with the target within reach."""
     reachable_share: dict[str, float] | None = None
-    """Share of such ticks among those that followed."""
+    """Share of such ticks."""
     hands_away_s: dict[str, float] | None = None
-    """Longest time of each hand more than 150 mm off in such ticks."""
+    """Longest time of a hand more than 150 mm off in them."""
     unfollowed: tuple[Unfollowed, ...] | None
-    """Postures of the performer that the robot cannot take, with times; null for a robot that does not stand on planted
-    soles, or whose legs do not follow."""
+    """Postures that the robot cannot take; null for a robot without planted soles, or whose legs do not follow."""
     com_margin_mm: float | None = None
     """Smallest distance of the centre of mass from the edge of the soles."""
     soles: Soles | None = None
@@ -251,11 +241,11 @@ class Report:
     closest_links: tuple[str, str] | None
     """The links that came closest."""
     refused_pair: RefusedPair | None = None
-    """The pair for which the gate refused most goals; null: none."""
+    """The pair for which the gate refused most goals."""
     presses: Presses | None = None
-    """Number of holds because the robot pressed against something, and the greatest press; null: none."""
+    """Holds because the robot pressed against something, and the greatest press."""
     held_back: tuple[HeldBack, ...] = ()
-    """Limbs restrained in most ticks by a joint limit or an observer in contact."""
+    """Limbs restrained in most ticks by a joint limit or an observer."""
     deep: DeepReport
     """Overlaps of more than 1 mm, and the pairs of the other clearances."""
     observers: ObserversReport | None = None
@@ -267,7 +257,7 @@ class Report:
     walk: WalkTally | None = None
     """Steps of a walking robot."""
     strategies: dict[str, float] | None = None
-    """Time, s, with each strategy of the hands; null without any."""
+    """Time, s, with each strategy of the hands."""
     live: LiveReport | None
     """Frames of a stream, dropped ones with reasons, lost sensors, holds; null for a file."""
     latency_ms: dict[str, TimePercentiles] | None

@@ -17,17 +17,17 @@ from retarget.report.motion_metrics import blocks, in_blocks
 from retarget.robot.arm_branches import arm_postures, chain_to_anchor, position_limits
 from retarget.robot.landmarks import PELVIS, Facing, limb_scale
 from retarget.run.run_result import RunResult
-from retarget.schema.priorities import AxisTask, CentreOfMassTask, OrientationTask, PositionTask, Priorities, Task
+from retarget.schema.priorities import AxisTask, CentreOfMassTask, OrientationTask, PositionTask, Task
 from retarget.schema.profile_parts import Landmark
 from retarget.types import ORIENTED, BoolArray, FloatArray
 
 STILL_M = 1e-3
-"""Shortest reference path, m, from which a ratio of paths is known."""
+"""Shortest desired path, m, that has a ratio."""
 ENDS = (2.0, 98.0)
-"""Percentiles between which a range lies, so that single bad frames do not count."""
+"""Percentiles that bound a range, so that single bad frames do not count."""
 LONGEST_LAG_S = 1.0
 COARSE = 4
-"""Step, ticks, of the coarse search for a lag: correlation peaks of body motion are wider."""
+"""Step, ticks, of the coarse search for a lag."""
 
 
 def distances(desired: FloatArray, actual: FloatArray) -> FloatArray:
@@ -36,7 +36,7 @@ def distances(desired: FloatArray, actual: FloatArray) -> FloatArray:
 
 
 def path_ratio(desired: FloatArray, actual: FloatArray) -> float | None:
-    """Length of the actual paths over that of the desired ones, tracks (T, k, 3); None where nothing was to move."""
+    """Length of the actual paths over the desired ones, tracks (T, k, 3); None if nothing was to move."""
     known = _known(desired, actual)
     if np.count_nonzero(known) < 2:
         return None
@@ -45,8 +45,6 @@ def path_ratio(desired: FloatArray, actual: FloatArray) -> float | None:
 
 
 def _known(*tracks: FloatArray) -> BoolArray:
-    """True (T,) where all tracks (T, k, 3) are finite."""
-
     def known(rows: slice) -> BoolArray:
         return np.asarray(np.all([np.isfinite(track[rows]).all(axis=(1, 2)) for track in tracks], axis=0))
 
@@ -54,14 +52,14 @@ def _known(*tracks: FloatArray) -> BoolArray:
 
 
 def excursion_ratio(desired: FloatArray, actual: FloatArray) -> float | None:
-    """Range of actual over desired heights (T,) m; None where nothing was to move."""
+    """Range of actual over desired heights (T,) m; None if nothing was to move."""
     known = np.isfinite(desired) & np.isfinite(actual)
     size = extent(desired[known])
     return None if size < STILL_M else extent(actual[known]) / size
 
 
 def extent(values: FloatArray) -> float:
-    """Diagonal of the ranges, between `ENDS`, of the finite rows of values (T,) or (T, k); 0 without any."""
+    """Diagonal of the ranges of values (T,) or (T, k), within `ENDS`; 0 without any."""
     rows = values if values.ndim == 2 else values[:, None]
     known = rows[np.isfinite(rows).all(axis=1)]
     low, high = np.percentile(known, ENDS, axis=0) if len(known) else np.zeros((2, 1))
@@ -69,13 +67,13 @@ def extent(values: FloatArray) -> float:
 
 
 FOOT_S = 0.1
-"""Interval, s, between looks at a foot; a swing lasts several times as long."""
+"""Interval, s, of foot samples, short against a swing."""
 FOOT_M = 0.003
-"""Distance, m, up to which a foot that moved in FOOT_S counts as standing."""
+"""Distance, m, in FOOT_S up to which a foot stands."""
 
 
 def foot_path_ratio(desired: FloatArray, actual: FloatArray, dt: float) -> float | None:
-    """Length of the actual over the desired paths of feet, tracks (T, k, 3) m, `dt` s apart; None if the feet stood."""
+    """Like `path_ratio`, of feet, without their motion in stance. dt: s."""
     every = max(round(FOOT_S / dt), 1)
     known = np.isfinite(desired).all(axis=(1, 2)) & np.isfinite(actual).all(axis=(1, 2))
     paths = []
@@ -86,11 +84,8 @@ def foot_path_ratio(desired: FloatArray, actual: FloatArray, dt: float) -> float
 
 
 def lag(desired: FloatArray, actual: FloatArray, dt: float) -> float | None:
-    """Delay, s, of the actual tracks (T, k, 3) behind the desired ones, at the highest cross-correlation.
-
-    All coordinates count together, each about its mean. Lags reach from 0 to LONGEST_LAG_S; a parabola interpolates
-    between ticks. None where either stands still, or the correlation still rises at the last lag.
-    """
+    """Delay, s, of the actual tracks (T, k, 3) behind the desired ones, at the highest cross-correlation of all
+    coordinates about their means. None if either stands still, or the correlation still rises at LONGEST_LAG_S."""
     known = np.flatnonzero(_known(desired, actual))
     whole = known.size > 0 and known[-1] - known[0] + 1 == known.size  # then a view of the track, which may be long
     rows = slice(known[0], known[-1] + 1) if whole else known
@@ -113,20 +108,19 @@ def _path_length(track: FloatArray) -> float:
 
 
 def _spread(track: FloatArray) -> float:
-    """Root mean square distance of (T, c) from its mean, m."""
+    """RMS distance of (T, c) from its mean, m."""
     return float(np.sqrt(_inner(track, track)[0] / len(track)))
 
 
 def _correlation(desired: FloatArray, actual: FloatArray, step: int) -> float:
-    """Normalised correlation of the desired track with the actual one `step` ticks later."""
     both, a, b = _inner(desired[: len(desired) - step], actual[step:])
     size = float(np.sqrt(a * b))
     return both / size if size > 0.0 else 0.0
 
 
 def _inner(a: FloatArray, b: FloatArray) -> tuple[float, float, float]:
-    """Sums of products of (T, c) and (T, c) about their means: of both, and of each with itself. BLAS is avoided
-    because its threads contend on a busy machine."""
+    """Sums of products of (T, c) and (T, c) about their means: of both, and of each with itself. Threads of BLAS would
+    contend."""
     means, sums = (a.mean(axis=0), b.mean(axis=0)), np.zeros(3)
     for rows in blocks(len(a)):
         x, y = a[rows] - means[0], b[rows] - means[1]
@@ -144,30 +138,20 @@ def _vertex(score: FloatArray, best: int) -> float:
     return 0.0 if bend >= 0.0 else float(0.5 * (before - after) / bend)
 
 
-def top_tasks(priorities: Priorities) -> tuple[Task, ...]:
-    """The tasks of the first level that has any besides observers and the posture."""
-    for level in priorities.levels:
-        tasks = tuple(task for task in level.tasks if task.type not in ("reactive", "preventive", "posture"))
-        if tasks:
-            return tasks
-    return ()
-
-
 def top_level_error(run: RunResult) -> float | None:
-    """Largest error, m or rad, of any task of the highest level of the last stage, over the run.
-
-    It is measured on the postures that were sent: positions, the centre of mass, flat soles and axes. None where the
-    level has none of these.
-    """
+    """Largest error, m or rad, in the highest level of the last stage: of positions, centre of mass, flat soles and
+    axes, on the postures that were sent."""
     if not run.setup.priorities:
         return None
-    errors = [error for task in top_tasks(run.setup.priorities[-1]) for error in _errors(task, run)]
+    passive = ("reactive", "preventive", "posture")
+    levels = ([task for task in level.tasks if task.type not in passive] for level in run.setup.priorities[-1].levels)
+    tasks = next((tasks for tasks in levels if tasks), [])
+    errors = [error for task in tasks for error in _errors(task, run)]
     known = [float(np.nanmax(error)) for error in errors if np.isfinite(error).any()]
     return max(known) if known else None
 
 
 def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
-    """Yield the error (T,) of each part of a task that postures show."""
     robot, sent = run.robot, run.record.robot
     if isinstance(task, CentreOfMassTask):
         if robot is None or sent is None:
@@ -195,8 +179,7 @@ def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
 
 
 def _locked(run: RunResult, name: str, error: FloatArray) -> FloatArray:
-    """The error (T,) of a sole, NaN for a robot that walks, whose soles are no task of this level. Other errors are
-    returned unchanged."""
+    """The error (T,) of a frame, NaN for a sole of a walking robot, which is no task of this level."""
     robot = run.robot
     walks = run.tally.walk is not None and run.tally.walk.steps > 0
     if not walks or robot is None or name not in {foot.frame for foot in robot.profile.feet.values()}:
@@ -204,10 +187,9 @@ def _locked(run: RunResult, name: str, error: FloatArray) -> FloatArray:
     return np.full_like(error, np.nan)
 
 
-# Reference of the hands, seen from the reference torso. It depends on the performer and constants of the robot alone,
-# never on what the robot did. A desired hand is the desired shoulder plus the performer's arm, scaled and in the
-# performer's heading (`landmarks`). So the desired shoulders follow from the desired hands, and with the pelvis they
-# give the orientation of the torso.
+# The reference of the hands depends on the performer and constants of the robot alone, never on its motion. A desired
+# hand is the desired shoulder plus the performer's arm, scaled and in their heading (`landmarks`). So the desired
+# shoulders follow from the hands, and with the pelvis they give the torso's orientation.
 
 HANDS = ("l_hand", "r_hand")
 
@@ -216,9 +198,8 @@ HANDS = ("l_hand", "r_hand")
 class ReferenceMotion:
     """The performer and the landmarks that a robot was to follow.
 
-    joints (T, m, 3) m and pelvis (T, 4) wxyz: of the human, in its world. landmarks (T, k, 3) m: targets of the robot.
-    dt: s between ticks of the robot. goes_along: the robot travels and turns with the performer, and sees them in their
-    first heading.
+    joints (T, m, 3) m and pelvis (T, 4) wxyz: of the human. landmarks (T, k, 3) m: desired. dt: s. goes_along: the
+    robot turns with the performer, and so sees them in their first heading.
     """
 
     dimensions: HumanDimensions
@@ -232,12 +213,12 @@ class ReferenceMotion:
 
     @cached_property
     def heading(self) -> FloatArray:
-        """Unit vectors (T, 2) on the ground where the performer faces, as the robot takes them."""
+        """Unit vectors (T, 2) on the ground where the performer faces, as the robot sees them."""
         found = headings(self.pelvis, self.joint_names, self.joints, self.dt)
         return _held(found) if self.goes_along else found
 
     def of(self, rows: slice) -> "ReferenceMotion":
-        """Some of the ticks. Their headings remain those of the whole motion."""
+        """Some of the ticks, with their headings in the whole motion."""
         part = replace(self, joints=self.joints[rows], pelvis=self.pelvis[rows], landmarks=self.landmarks[rows])
         part.__dict__["heading"] = self.heading[rows]  # where `cached_property` keeps it: a heading follows all ticks
         return part
@@ -270,8 +251,8 @@ def reference_of(run: RunResult) -> ReferenceMotion | None:
 
 
 def hand_references(robot: RobotBody, stance: Stance, reference: ReferenceMotion) -> dict[str, FloatArray]:
-    """Desired position (T, 3) m of each hand, as the torso carries it while the robot stands in its stance. Empty
-    without landmarks for both hands."""
+    """Desired position (T, 3) m of each hand, in the torso frame of the stance. Empty without landmarks for both
+    hands."""
     turn = torso_rotation(robot, stance, reference)
     if turn is None:
         return {}
@@ -280,8 +261,8 @@ def hand_references(robot: RobotBody, stance: Stance, reference: ReferenceMotion
 
 
 def torso_rotation(robot: RobotBody, stance: Stance, reference: ReferenceMotion) -> FloatArray | None:
-    """Rotation (T, 3, 3) of the desired torso from that of the stance, in the performer's heading; None without
-    landmarks for both hands."""
+    """Rotation (T, 3, 3) of the desired torso from the stance, in the performer's heading; None without landmarks for
+    both hands."""
     if not set(HANDS) <= set(reference.landmark_names):
         return None
     if "pelvis" not in reference.landmark_names:
@@ -300,7 +281,7 @@ def as_carried(turn: FloatArray, lines: FloatArray) -> FloatArray:
 
 
 def limb_references(entries: Mapping[str, Landmark], reference: ReferenceMotion) -> dict[str, FloatArray]:
-    """Desired vector (T, 3) m of each limb, from its anchor to its landmark, in the performer's heading."""
+    """Desired vector (T, 3) m of each limb, from anchor to landmark, in the performer's heading."""
     limbs, standing = {}, reference.standing
     for name, entry in entries.items():
         limb = limb_scale(entry, standing) * (reference.mean(entry.follows) - reference.mean(entry.measured_from))
@@ -309,13 +290,11 @@ def limb_references(entries: Mapping[str, Landmark], reference: ReferenceMotion)
 
 
 def _stood(robot: RobotBody, stance: Stance, landmark: str) -> FloatArray:
-    """Position (3,) m of a landmark's anchor in the stance."""
     return np.asarray(np.mean([stance.points[frame] for frame in robot.profile.landmarks[landmark].anchor], axis=0))
 
 
 def hands_from_shoulders(robot: RobotBody, reference: ReferenceMotion, q: FloatArray, actual: FloatArray) -> FloatArray:
-    """Actual landmarks (T, k, 3) m in postures (T, nq), with the hands moved as if the robot's shoulders were at their
-    targets. The error of a hand is then that of its arm alone."""
+    """Actual landmarks (T, k, 3) m in postures (T, nq), with the hands as if the shoulders were at their targets."""
     seen = actual.copy()
     entries = {name: robot.profile.landmarks[name] for name in HANDS if name in reference.landmark_names}
     for name, arm in limb_references(entries, reference).items():
@@ -326,8 +305,8 @@ def hands_from_shoulders(robot: RobotBody, reference: ReferenceMotion, q: FloatA
 
 
 def headings(pelvis: FloatArray, joint_names: tuple[str, ...], joints: FloatArray, dt: float) -> FloatArray:
-    """Unit vectors (T, 2) on the ground where a human faces, by its pelvis (T, 4) wxyz and joints (T, m, 3) m, `dt` s
-    apart."""
+    """Unit vectors (T, 2) on the ground where a human faces, by its pelvis (T, 4) wxyz and joints (T, m, 3) m. dt:
+    s."""
     at = {name: joints[:, joint_names.index(name)] for name in ("l_toe", "l_ankle", "r_toe", "r_ankle")}
     return _faced(pelvis, at["l_toe"] - at["l_ankle"], at["r_toe"] - at["r_ankle"], dt)
 
@@ -344,7 +323,7 @@ def _faced(pelvis: FloatArray, left: FloatArray, right: FloatArray, dt: float) -
 
 
 def performer_facing(run: RunResult) -> FloatArray:
-    """Headings (t, 2), unit vectors on the ground, in which a robot sees the performer at the ticks that followed."""
+    """Headings (t, 2) in which a robot sees the performer at the ticks that followed."""
     found = performer_headings(run)
     return _held(found) if _goes_along(run) else found
 
@@ -358,20 +337,19 @@ def _held(heading: FloatArray) -> FloatArray:
 
 
 def performer_headings(run: RunResult) -> FloatArray:
-    """Unit vectors (t, 2) on the ground where the performer faces at the ticks that followed."""
+    """Headings (t, 2) of the performer at the ticks that followed."""
     record, following = run.record, run.record.following
     turns = _pelvis_turns(run, record.human_q[following])
     return headings(turns, record.human_joint_names, record.human_joints[following], run.clip.dt)
 
 
 def _pelvis_turns(run: RunResult, q: FloatArray) -> FloatArray:
-    """Orientations (T, 4) wxyz of the human's pelvis in postures (T, nq)."""
     reader, pelvis = PostureReader(run.human), ORIENTED.index("pelvis")
     return in_blocks(lambda rows: reader.orientations(np.ascontiguousarray(q[rows]))[:, pelvis], len(q))
 
 
 def robot_headings(robot: RobotBody, q: FloatArray, dt: float) -> FloatArray:
-    """Unit vectors (T, 2) on the ground where a robot faces in postures (T, nq), by its pelvis and feet. dt: s."""
+    """Headings (T, 2) of a robot in postures (T, nq), by its pelvis and feet. dt: s."""
     stood, feet = plant(robot, robot.profile.postures.stand).q, robot.profile.feet.values()
     frame = (pelvis_frame(robot),)
     turn = rotations.multiply(
@@ -383,7 +361,7 @@ def robot_headings(robot: RobotBody, q: FloatArray, dt: float) -> FloatArray:
 
 
 def pelvis_frame(robot: RobotBody) -> str:
-    """The frame whose travel is that of the robot: its pelvis, or its trunk without one."""
+    """The pelvis of a robot, or its trunk without one."""
     return PELVIS if PELVIS in robot.profile.frames else TRUNK
 
 
@@ -393,8 +371,7 @@ def turn_extent(heading: FloatArray) -> float:
 
 
 def ankle_references(robot: RobotBody, reference: ReferenceMotion) -> dict[str, FloatArray]:
-    """Desired ankle (T, 3) m of each sole frame, in the performer's world and the size of the robot. A planted robot
-    does not follow it."""
+    """Desired ankle (T, 3) m of each sole frame, in the performer's world and the size of the robot."""
     entries = {entry.frame: entry for entry in robot.profile.landmarks.values()}
     feet = [foot.frame for foot in robot.profile.feet.values() if foot.frame in entries]
     return {
@@ -410,7 +387,7 @@ def turned(points: FloatArray, heading: FloatArray) -> FloatArray:
 
 
 def _torso(shoulders: Mapping[str, FloatArray], pelvis: FloatArray) -> FloatArray:
-    """Axes (..., 3, 3), as columns, of a torso with these shoulders and pelvis (..., 3): left, forward, up."""
+    """Axes (..., 3, 3) left, forward, up, as columns, of a torso with these shoulders and pelvis (..., 3)."""
     left, right = (shoulders[name] for name in HANDS)
     across, up = left - right, 0.5 * (left + right) - pelvis
     left_axis = across / np.linalg.norm(across, axis=-1, keepdims=True)
@@ -420,22 +397,20 @@ def _torso(shoulders: Mapping[str, FloatArray], pelvis: FloatArray) -> FloatArra
 
 
 EVERY = 20
-"""Ticks between two searches, because a search is slow and reach changes slowly."""
+"""Ticks between two searches, which are slow, while reach changes slowly."""
 WITHIN_M = 0.002
-"""Largest distance, m, at which the arm counts as there."""
+"""Distance, m, at which the arm is there."""
 SEEDS, TRIES = 500, 12
-"""Postures spread over the ranges of the arm, and how many of the nearest begin a search each, as one may end in a
-local minimum."""
+"""Postures spread over the arm, and number of the nearest that begin a search, because of local minima."""
 AWAY_M = 0.15
-"""Distance, m, beyond which a hand is not at the performer's, for a robot of any size."""
+"""Distance, m, beyond which a hand is away, for a robot of any size."""
 STEPS = 40
-"""Iterations of a search."""
 
 
 @dataclass(frozen=True)
 class Reachable:
-    """One hand. share: of the ticks with its target within reach; error: mean distance, m, at those, or None; away:
-    longest time, s, beyond `AWAY_M` within reach."""
+    """One hand. share: ticks with its target within reach; error: mean distance, m, at those, or None; away: longest
+    time, s, beyond `AWAY_M`."""
 
     share: float
     error: float | None
@@ -443,11 +418,8 @@ class Reachable:
 
 
 def reachable_hands(robot: RobotBody, reference: ReferenceMotion, actual: FloatArray) -> dict[str, Reachable]:
-    """Tracking of each hand at the ticks with its target within reach; actual (T, k, 3) m: as the landmarks.
-
-    Within reach: from the desired torso the arm gets there within its position limits, at any speed. The robot's own
-    posture does not count.
-    """
+    """Tracking of each hand at the ticks with its target within reach from the desired torso, and within position
+    limits. actual (T, k, 3) m."""
     stance, found = plant(robot, robot.profile.postures.stand), {}
     for name, places in hand_references(robot, stance, reference).items():
         column = reference.landmark_names.index(name)
@@ -492,7 +464,7 @@ def within_reach(robot: RobotBody, stance: Stance, landmark: str, places: FloatA
 def _arm_solver(
     robot: RobotBody, link: int, point: FloatArray, moving: NDArray[np.int64], lower: FloatArray, upper: FloatArray
 ) -> _solver.Solver:
-    """A solver with one task, position limits (nv,), and only the DoFs `moving` (d,) free."""
+    """A solver with one task, position limits (nv,), and the free DoFs `moving` (d,)."""
     body = robot.body
     locked = np.ones(body.nv, dtype=np.bool_)
     locked[moving] = False

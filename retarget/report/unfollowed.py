@@ -26,33 +26,27 @@ INSTEAD: Mapping[str, str] = {KNEELS: "squats", ON_FLOOR: "squats", JUMPS: "stay
 JOINTS = (*(f"{side}_{part}" for part in ("hip", "knee", "ankle", "toe") for side in "lr"), "neck")
 
 LEAST_S = 0.3
-"""Shortest posture, s, that is reported, because a robot cannot squat and rise again in less. Shorter breaks do not end
-a posture on the floor."""
+"""Shortest posture, s, that is reported, because a robot needs longer to squat and rise. Shorter breaks do not end a
+posture."""
 FLOOR_PERCENTILE = 5.0
-"""Percentile of the height of the lower foot over the run at which the floor lies. Sources have the floor anywhere, and
-bad frames may be lower."""
+"""Percentile of the lower foot's height at which the floor lies, because bad frames may be lower."""
 KNEE_SHARE = 0.12
-"""Height of a kneeling knee above standing ankles, as a share of the leg: about 0.1 m. It is up to 0.03 m on the floor,
-and 0.3 m in the deepest squat."""
+"""Height of a kneeling knee above standing ankles, as a share of the leg: 0.1 m. In the deepest squat it is 0.3 m."""
 HIP_SHARE = 0.12
-"""The same for the lower hip of a performer on the floor: 0.05 m when sitting or lying, 0.13 m or more in a deep squat
-or on the heels."""
+"""The same for the hips of a performer on the floor: 0.05 m sitting, 0.13 m and more in a deep squat."""
 FOOT_SHARE = 0.04
-"""Height of ankles and toes above the standing ones in a jump, as a share of the leg: 0.03 m, more than shoes, noise
-and the roll of a foot."""
+"""Rise of ankles and toes in a jump, as a share of the leg: 0.03 m, more than noise and the roll of a foot."""
 FALLING = 0.5
-"""Least acceleration of the hips in a jump, as a share of gravity, because swinging arms and legs take part of it. A
-performer on a step, on a seat or lifted shows none."""
+"""Least acceleration of the hips in a jump, as a share of gravity; swinging limbs take part of it."""
 UPRIGHT = 0.5
-"""Least height of the neck above the hips, as a share of the trunk: within 60 degrees of upright. It excludes a crawl
-and a cartwheel."""
+"""Least height of the neck above the hips, as a share of the trunk, which excludes crawls and cartwheels."""
 
 
 def unfollowed_of(run: RunResult, reference: ReferenceMotion | None) -> tuple[Unfollowed, ...] | None:
-    """The postures of a run that its robot could not follow, by time; None for a robot without planted soles, or whose
+    """The postures that the robot of a run could not follow, by time; None for a robot without planted soles, or whose
     legs do not follow.
 
-    The performer is the recorded body where the file has all `JOINTS`, else the reconstructed one.
+    The performer is the recorded body if it has all `JOINTS`, else the reconstructed one.
     """
     rows = run.record.following
     if reference is None or run.robot is None or not run.robot.stands or run.setup.parts != "whole":
@@ -69,7 +63,7 @@ def unfollowed_of(run: RunResult, reference: ReferenceMotion | None) -> tuple[Un
 
 def unfollowed(joints: FloatArray, leg: float, dt: float) -> Iterator[tuple[str, int, int]]:
     """Yield each posture with its first and last row. joints (T, m, 3) m: those of `JOINTS`; leg: m; dt: s of the
-    performer's time between rows."""
+    performer's time."""
     heights = _heights(joints)
     if not np.isfinite(heights.ankle).any():
         return
@@ -90,8 +84,8 @@ def unfollowed(joints: FloatArray, leg: float, dt: float) -> Iterator[tuple[str,
 
 @dataclass(frozen=True, eq=False)
 class _Heights:
-    """Heights (T,) m of the lower ankle, toe, hip and knee, and of the middle of the hips. upright (T,): true where the
-    trunk is."""
+    """Heights (T,) m of the lower ankle, toe, hip and knee, and of the middle of the hips. upright (T,): of the
+    trunk."""
 
     ankle: FloatArray
     toe: FloatArray
@@ -111,8 +105,8 @@ def _heights(joints: FloatArray) -> _Heights:
 
 
 def _seen(heights: _Heights, floor: float, toes_floor: float, leg: float) -> tuple[Mapping[str, BoolArray], BoolArray]:
-    """Rows (T,) of each posture on the floor, and those with both feet off it. floor, toes_floor: heights, m, of ankles
-    and toes of a standing foot. leg: m."""
+    """Rows (T,) of each posture on the floor, and those with both feet off it. floor, toes_floor: standing heights, m,
+    of ankles and toes."""
     on_floor = heights.hip - floor < HIP_SHARE * leg
     kneels = (heights.knee - floor < KNEE_SHARE * leg) & heights.upright & ~on_floor
     off = (heights.ankle - floor > FOOT_SHARE * leg) & (heights.toe - toes_floor > FOOT_SHARE * leg)
@@ -120,21 +114,20 @@ def _seen(heights: _Heights, floor: float, toes_floor: float, leg: float) -> tup
 
 
 def _is_jump(hips: Sequence[float] | FloatArray, dt: float) -> bool:
-    """True if the hips, (T,) m at rows `dt` s apart, fall freely for about as long as a jump takes."""
+    """True if the hips, (T,) m, fall freely for about as long as a jump takes."""
     lasts, bulge = (len(hips) - 1) * dt, float(np.mean(hips)) - 0.5 * (hips[0] + hips[-1])
     free_fall = GRAVITY * lasts**2 / 12.0  # mean of g t (T - t) / 2 over T
     return LEAST_S <= lasts <= LONGEST_FLIGHT_S and bool(bulge > FALLING * free_fall)
 
 
 FLOOR_M_S = 0.4
-"""Speed of the estimate of the floor: up by 2 cm/s, as a foot rises with each step, and down by 38 cm/s."""
+"""Rate of the estimate of the floor: 2 cm/s up, as a foot rises with each step, and 38 cm/s down."""
 AGAIN_S = 10.0
 """Least time, s, between two reports of a posture."""
 
 
 class UnfollowedNotice:
-    """Reports a posture that the robot does not follow while it happens, a jump when it is over. It is called with
-    every row of a run."""
+    """Reports a posture that the robot does not follow while it happens, a jump after it."""
 
     def __init__(self, dimensions: HumanDimensions, *, dt: float, notify: Notify) -> None:
         """dt: s of the performer's time between rows."""
@@ -166,17 +159,16 @@ class UnfollowedNotice:
             self._flight.clear()
 
     def _risen(self, floor: float, foot: float) -> float:
-        """Height of a standing foot, a row later: a running estimate of the percentile."""
+        """Running estimate of the percentile."""
         share = 0.01 * FLOOR_PERCENTILE
         return floor + FLOOR_M_S * self._dt * (share if foot > floor else share - 1.0)
 
     def _name(self, what: str) -> None:
-        """Report a posture once while it lasts, and not again within AGAIN_S."""
         if self._time - self._named[what] > AGAIN_S:
             self._notify(News(f"the performer {what}: the robot {INSTEAD[what]} instead"))
         self._named[what] = self._time
 
 
 def leg_length(dimensions: HumanDimensions) -> float:
-    """Mean length of both legs, thigh and shank, m."""
+    """Mean length of thigh and shank, m, of both legs."""
     return 0.5 * sum(dimensions.length(f"{side}_{part}") for side in "lr" for part in ("knee", "ankle"))

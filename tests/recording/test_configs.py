@@ -76,7 +76,7 @@ def test_a_changed_profile_is_found_only_where_it_is_asked_for(found: Recording,
     path.write_text(slower)
     then = replay(found)
     assert then.difference.none
-    assert then.changed == (f"{PROFILE} is another one now, {path}: the one of then is used",)
+    assert then.changed == (f"{PROFILE} has changed since, {path}: the recorded one is used",)
     with as_recorded(found, robot=str(home / "own" / "op3")) as configs:
         now = replay(found, configs)
     assert now.changed == (f"{PROFILE} has changed: {path}",)

@@ -206,11 +206,10 @@ def test_all_is_found(seed: int, offset: float) -> None:
     closest = ClosestPairs((1e-6, 1e-3))
     for block in np.split(np.arange(len(table)), [64, 128, 256]):
         closest.look(partial(distances, block), partial(bounds, block), len(block))
-    found = closest.found
-    assert found.smallest == table.min()
-    assert table[found.row, found.pair] == table.min()
+    assert closest.smallest == table.min()
+    assert table[closest.row, closest.pair] == table.min()
     nearest = table.min(axis=1)
-    assert found.deeper == tuple(int(np.count_nonzero(nearest < -depth)) for depth in (1e-6, 1e-3))
+    assert closest.deeper == [int(np.count_nonzero(nearest < -depth)) for depth in (1e-6, 1e-3)]
     assert looked < (table.size // 2 if offset == 0.5 else table.size)
 
 

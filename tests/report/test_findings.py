@@ -111,8 +111,8 @@ def test_what_could_not_be_broken_has_no_verdict(run: RunResult, report: Report)
 BAD, LEGS, FINE = Spread(60.0, 80.0, 90.0), Spread(33.0, 50.0, 60.0), Spread(5.0, 9.0, 12.0)
 FOLLOWS: list[tuple[dict[str, Any], bool | None, str]] = [
     ({}, True, "follows"),
-    ({"hand_path_ratio": 0.6}, None, "follows in part: hands travel 0.60 times as far as asked"),
-    ({"hand_path_ratio": 0.1}, False, "does not follow: hands travel 0.10 times as far as asked"),
+    ({"hand_path_ratio": 0.6}, None, "follows in part: hands travel 0.60 times as far as desired"),
+    ({"hand_path_ratio": 0.1}, False, "does not follow: hands travel 0.10 times as far as desired"),
     ({"fallen": True}, False, "does not follow: it fell"),
     ({"trunk_lean_deg": Spread(6.0, 30.0, 68.0)}, None, "follows in part: its trunk 30° off (p95)"),
     (

@@ -60,7 +60,7 @@ def test_a_scene_that_changed_since_is_shown_as_it_was(whole: Motion, place: Pat
         assert np.abs(obstacles[0].vertices).max() == pytest.approx(0.05, abs=1e-3)
         assert len(notes) == 1
         shows(notes[0])
-        assert sum("another one now" in note for note in open_recorded(place / "run.mcap").notes) == 1, "noted once"
+        assert sum("scene.yaml" in note for note in open_recorded(place / "run.mcap").notes) == 1, "noted once"
         file.unlink()
         assert len(recorded_obstacles(whole)[0]) == 1
     finally:

@@ -1,7 +1,7 @@
 """BVH: a body's tree as a skeleton, y up, z forward, centimetres.
 
-With all rotations zero the skeleton has the pose of the body with all joints at zero, facing z. A joint whose link
-slides, or turns about another point than its origin, has position channels too.
+With all rotations zero it has the pose of the body with all joints at zero. A joint whose link slides, or turns about
+another point than its origin, has position channels too.
 """
 
 from dataclasses import dataclass, replace
@@ -24,16 +24,14 @@ HUMAN = {"pelvis": "Hips", "spine": "Spine", "chest": "Spine1", "neck": "Neck", 
 }
 """BVH names of the parts of the virtual human."""
 HEAD_JOINT = 0.6
-"""Share of the distance from the neck to the centre of the head at which BVH tools expect the head joint, below the
-skull. Its bone ends as far above the centre."""
+"""Share of the distance from the neck to the centre of the head at which BVH tools expect the head joint. Its bone ends
+as far above the centre."""
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A joint of the skeleton: a point fixed to a link. parent: index of a node, -1 for the root.
-
-    local (3,) m: in the link's frame. end (3,) m: end of its bone from there, if it has no child.
-    """
+    """A joint of the skeleton: a point `local` (3,) m of a link. parent: index of a node, -1 for the root. end (3,) m:
+    end of its bone."""
 
     name: str
     link: int
@@ -43,8 +41,8 @@ class Node:
 
 
 def nodes_of(motion: Motion) -> tuple[Node, ...]:
-    """The first link and its descendants, depth first. Every link of a robot is a joint at its origin, with its name.
-    Joints of the virtual human have HumanIK's names, and its head, hands and toes are joints too."""
+    """The first link and its descendants, depth first. Every link of a robot is a joint; the virtual human has
+    HumanIK's joints, with head, hands and toes."""
     body, human = motion.body, motion.is_human
     nodes: list[Node] = []
 
@@ -81,7 +79,7 @@ def _name(link: str, taken: list[Node], human: bool) -> str:
 ORDER = "zxy"
 """Order of the rotation channels."""
 AXES = [1, 2, 0]
-"""World axes of x, y and z of the file: left, up, forward, a pure rotation."""
+"""World axes of x, y and z of the file: left, up, forward."""
 CONSTANT_M = 1e-6
 """Motion, m, in its parent's frame below which a joint has a constant offset."""
 BVH_DECIMALS = 6
@@ -90,8 +88,8 @@ BVH_DECIMALS = 6
 
 @dataclass(frozen=True, eq=False)
 class BvhSkeleton:
-    """Joints (b) of `nodes`, file axes and cm. offsets (b, 3): at rest. places (T, b, 3) and turns (T, b, 4): in the
-    parent joint's frame. ends (b, 3): bone ends."""
+    """Joints (b) of `nodes`, file axes and cm. offsets, ends (b, 3): at rest, and of bones. places (T, b, 3) and turns
+    (T, b, 4): in the parent joint's frame."""
 
     nodes: tuple[Node, ...]
     offsets: FloatArray
@@ -142,7 +140,6 @@ def _points(nodes: tuple[Node, ...], links: Links) -> FloatArray:
 
 
 def _block(skeleton: BvhSkeleton, joint: int, depth: int) -> list[str]:
-    """The lines of a joint and all below it."""
     tab = "\t" * depth
     turns = [f"{axis.upper()}rotation" for axis in ORDER]
     channels = ["Xposition", "Yposition", "Zposition", *turns] if skeleton.moves(joint) else turns
@@ -165,7 +162,6 @@ def _numbers(values: FloatArray) -> str:
 
 
 def _channels(skeleton: BvhSkeleton) -> FloatArray:
-    """All channels (T, d), in the order of the file."""
     parts = []
     for joint in range(len(skeleton.nodes)):
         if skeleton.moves(joint):

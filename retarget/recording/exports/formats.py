@@ -192,8 +192,8 @@ def export_motion(
 ) -> None:
     """Write a motion to a place of `export_place`. task: in words, for a LeRobot dataset.
 
-    Raises UsageError and InputError if the format cannot hold it, or the place is occupied or cannot be written.
-    `overwrite` replaces a folder only if it has the same layout.
+    Raises UsageError and InputError if the format cannot hold it, or the place is unusable. `overwrite` replaces a
+    folder only if it has the same layout.
     """
     write, files = form.write, form.files
     if files is not None:

@@ -42,10 +42,9 @@ def features_of(
     """The features of a motion. `action`: joints as sent; `observation.state`: measured joints, read before that was
     sent.
 
-    Joints are those with a servo; without servos all of the body, as sent. `observation.root`: x y z (m) and qw qx qy
-    qz of the first link, world; `observation.landmarks`: desired ones (m, world), see `known_landmarks`. LeRobot's
-    indices follow, for episode `episode` from frame `first` of the dataset. Raises InputError for a servo unknown in
-    some frame.
+    Joints are those with a servo; without servos all, as sent. `observation.root`: x y z (m) and qw qx qy qz of the
+    first link, world; `observation.landmarks`: desired ones (m, world). LeRobot's indices follow. Raises InputError for
+    a servo unknown in some frame.
     """
     # Without servo data all joints count as driven.
     known = motion.present if "present" in motion else motion.joints
@@ -160,7 +159,6 @@ def lerobot_files(*motions: Motion, task: str = DEFAULT_TASK) -> dict[str, bytes
 
 
 def _rate_of(motions: Sequence[Motion]) -> int:
-    """Frames per second of all motions."""
     rates = [motion.rate_hz for motion in motions]
     rate = rates[0]
     if not rate.is_integer():
@@ -239,7 +237,6 @@ def _episodes(pa: Any, episodes: Sequence[tuple[Feature, ...]], first: Sequence[
 
 
 def _readme(motions: Sequence[Motion], features: tuple[Feature, ...]) -> str:
-    """A dataset card. The Hub reads its head."""
     head = "---\ntask_categories:\n- robotics\ntags:\n- LeRobot\nconfigs:\n- config_name: default\n"
     head += "  data_files: data/*/*.parquet\n---\n\n"
     said = {

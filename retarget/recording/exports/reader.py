@@ -139,7 +139,6 @@ def _of_arrays(path: Path, quaternion: str | None) -> _FileMotion:
 def _root_first(
     layout: str, file: ArrayFile, key: str, names: tuple[str, ...] | None, fps: float | None, quaternion: str | None
 ) -> _FileMotion:
-    """A root xyz and wxyz, then joints."""
     whole = file.floats(key, None, None)
     if whole.shape[1] < 7:
         found, allowed = f"{whole.shape[1]} columns", "7 of the root, then the joints"
@@ -209,7 +208,6 @@ def _numbers(path: Path, rows: list[list[str]], names: tuple[str, ...]) -> Float
 
 
 def _wxyz(turn: FloatArray, order: str) -> FloatArray:
-    """Quaternions (T, 4) of this order as wxyz."""
     return turn[:, np.argsort(XYZW)] if order == "xyzw" else turn
 
 
@@ -243,7 +241,6 @@ def _checked(path: Path, given: _FileMotion, robot: RobotBody, model: BodyModel,
 
 
 def _names(where: str, given: _FileMotion, model: BodyModel) -> tuple[str, ...]:
-    """Names of the joints in the file, or those of the body in its order."""
     found, own = given.joints.shape[1], model.scalar_names
     names = own if given.names is None else given.names
     if found != len(names):

@@ -1,8 +1,7 @@
 """Formats of programs that train or play whole-body motions: arrays, CSV, a pickle, a folder.
 
 Unevenly spaced rows (T) raise InputError. Frames and units are ours unless a format states others. Velocities are
-central differences (`rate_of_change`, `angular_velocity`). Signs of quaternions are continuous, so that they can be
-interpolated.
+central differences, and signs of quaternions are continuous.
 """
 
 import io
@@ -23,14 +22,12 @@ XYZW: Final = [1, 2, 3, 0]
 
 
 def _fps(motion: Motion) -> int | float:
-    """Rows per second, an integer if possible. Raises InputError for unevenly spaced rows."""
     rate = motion.rate_hz
     return int(rate) if rate.is_integer() else rate
 
 
 def breadth_first(body: BodyModel) -> tuple[list[int], list[int]]:
-    """Indices of `Links` (b,) and of `Motion.joints` (n,) in Isaac's order: breadth first, children in the order of the
-    body file."""
+    """Indices of `Links` (b,) and of `Motion.joints` (n,) in Isaac's order, breadth first."""
     links, waiting = list[int](), deque([1])
     while waiting:
         link = waiting.popleft()
@@ -44,8 +41,8 @@ def tracking_arrays(motion: Motion, *, is_breadth_first: bool = False) -> Arrays
     """The keys of whole_body_tracking and mjlab, float32.
 
     fps (1,); joint_pos and joint_vel (T, n); body_pos_w (T, b, 3), body_quat_w (T, b, 4) **wxyz**, body_lin_vel_w and
-    body_ang_vel_w (T, b, 3) of every link's origin, world. Joints and links are in the order of the body file (mjlab),
-    or breadth first (Isaac). joint_names (n,), body_names (b,) and quaternion_order are for people.
+    body_ang_vel_w (T, b, 3) of every link's origin, world. Order: of the body file (mjlab), or breadth first (Isaac).
+    Names and quaternion_order are for people.
     """
     rate, links, joints = motion.rate_hz, links_of(motion), motion.joints
     turned = sign_aligned(links.orientation)
@@ -83,9 +80,8 @@ def write_holosoma(motion: Motion, stream: IO[bytes]) -> None:
     """Write the NPZ that holosoma trains on, float64.
 
     fps (1,); joint_pos (T, 7 + n): position and orientation **wxyz** of the root, then joints; joint_vel (T, 6 + n):
-    linear and angular velocity of the root, world, then joints. body_pos_w, body_quat_w, body_ang_vel_w (T, 1 + b,
-    ...): of links' origins, the world first. body_lin_vel_w: of the links' *centres of mass*, as in its own converter.
-    joint_names (n,), body_names (1 + b,).
+    its linear and angular velocity, then joints. body_pos_w, body_quat_w, body_ang_vel_w (T, 1 + b, ...): of links'
+    origins, the world first. body_lin_vel_w: of the links' *centres of mass*, as in its own converter.
     """
     rate, links, body = motion.rate_hz, links_of(motion), motion.body
     turned = sign_aligned(links.orientation)
@@ -135,8 +131,7 @@ class _AnyNumpy(pickle.Pickler):
 
 
 def write_gmr(motion: Motion, stream: IO[bytes]) -> None:
-    """Write GMR's pickle: a dict of arrays, texts and a number. This program reads no pickle, because that may run any
-    code."""
+    """Write GMR's pickle. This program reads no pickle, because that may run any code."""
     names = {"link_body_list": list(links_of(motion).names), "joint_names": list(motion.joint_names)}
     kept = {"fps": motion.rate_hz, **gmr_arrays(motion), **names, "quaternion_order": "xyzw"}
     _AnyNumpy(stream, protocol=4).dump(kept)
@@ -155,7 +150,7 @@ BONES_ROOT = tuple(f"root_{kind}{axis}" for kind in ("translate", "rotate") for 
 
 
 def write_unitree(motion: Motion, stream: IO[bytes]) -> None:
-    """Write rows x y z, quaternion **xyzw**, joints, without a header. Raises InputError for unevenly spaced rows."""
+    """Write rows x y z, quaternion **xyzw**, joints, without a header."""
     _fps(motion)  # the file says no times
     root = sign_aligned(motion.root_quaternion)[:, XYZW]
     np.savetxt(stream, np.hstack([motion.root_position, root, motion.joints]), fmt=f"%.{CSV_DECIMALS}f", delimiter=",")
@@ -163,7 +158,7 @@ def write_unitree(motion: Motion, stream: IO[bytes]) -> None:
 
 def write_bones(motion: Motion, stream: IO[bytes]) -> None:
     """Write Frame, root_translateX/Y/Z (**cm**), root_rotateX/Y/Z (**degrees**, about the fixed axes x, then y, then
-    z), and <joint>_dof (**degrees**, cm for a slide). Raises InputError for unevenly spaced rows."""
+    z), and <joint>_dof (**degrees**, cm for a slide)."""
     _fps(motion)  # the file says no times
     # Rotations about fixed axes x, y, z are those about moving axes z, y, x.
     turned = np.unwrap(to_euler(motion.root_quaternion, "zyx")[:, ::-1], axis=0)
@@ -180,7 +175,7 @@ def sonic_files(motion: Motion) -> dict[str, bytes]:
     """The files of SONIC's deployment for one motion, by name, each CSV with a header.
 
     joint_pos.csv and joint_vel.csv (T, n): breadth first; body_pos.csv (T, 3), body_quat.csv (T, 4) **wxyz**,
-    body_lin_vel.csv and body_ang_vel.csv (T, 3) of the root, the one body in metadata.txt. info.txt is for people.
+    body_lin_vel.csv and body_ang_vel.csv (T, 3) of the root. info.txt is for people.
     """
     rate, (_, order) = motion.rate_hz, breadth_first(motion.body)
     root, names = sign_aligned(motion.root_quaternion), [motion.joint_names[joint] for joint in order]
