@@ -19,8 +19,8 @@ from retarget.sources.canonical import CMU_METRES, canonical_frames
 from retarget.sources.files import (
     AS_WRITTEN,
     ReadOptions,
+    assumed_rate,
     check_frame_count,
-    check_rate,
     cut_short,
     numbers,
     read_lines,
@@ -228,15 +228,12 @@ def read_amc(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
     asf = read_asf(options.skeleton or find_skeleton(path))
     values, degrees = read_values(lines, asf, path)
     is_cmu = abs(asf.length_unit - CMU_LENGTH_UNIT) < 1e-6
-    notes: tuple[str, ...] = ()
-    if (rate := options.rate) is None:
-        rate = DEFAULT_RATE_HZ
-        notes = (f"frame rate not stated: taken as {rate:g} Hz (change it with --rate)",)
+    rate, notes = assumed_rate(options.rate, DEFAULT_RATE_HZ)
     return canonical_frames(
         asf.tree,
         pose_of(asf, values, degrees=degrees),
         unit=CMU_METRES if is_cmu else None,
-        rate=check_rate(rate, "--rate"),
+        rate=rate,
         source=str(path),
         options=options,
         notes=notes,

@@ -193,8 +193,7 @@ def read_motion(path: Path, *, root: str | None = None, rate: float | None = Non
     that in the file. Raises InputError with file and line, and UsageError for an unknown root."""
     lines = read_lines(path)
     joints, motion_line = _read_hierarchy(lines, path)
-    declared, place, stated, first = _read_motion_header(lines, motion_line, path)
-    rate = _stated_rate(*stated) if rate is None else check_rate(rate, "--rate")
+    declared, place, rate, first = _read_motion_header(lines, motion_line, path, rate)
     starts = np.cumsum([0, *(len(joint.channels) for joint in joints)])
     values = _read_values(lines[first:], int(starts[-1]), path, first)
     check_frame_count(len(values), str(path))
@@ -240,8 +239,8 @@ def _below_root(joints: list[_Joint], root: str | None) -> list[int]:
     return sorted(below)
 
 
-def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, str, tuple[str, str], int]:
-    """Number of frames and its line, frame time as text and its line, and the index of the first line of data."""
+def _read_motion_header(lines: list[str], start: int, path: Path, rate: float | None) -> tuple[int, str, float, int]:
+    """Number of frames and its line, rate (Hz, the user's if given), and the index of the first line of data."""
     filled = [index for index in range(start, min(start + 100, len(lines))) if lines[index].strip()][:2]
     pairs = [lines[index].partition(":") for index in filled]
     keys = [" ".join(key.lower().split()) for key, _, _ in pairs]
@@ -256,23 +255,21 @@ def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, 
     if not (count.isascii() and count.isdecimal() and len(count) <= 12):
         raise InputError("wrong number of frames", where=count_place, found=repr(count[:40]), allowed="a whole number")
     check_frame_count(int(count), count_place)
-    return int(count), count_place, (interval, interval_place), filled[1] + 1
-
-
-def _stated_rate(interval: str, place: str) -> float:
-    """Rate, Hz, of a frame time. It is written with few digits (0.008333), so a rate within 0.02 % of a whole number is
-    rounded."""
-    seconds = numbers([interval], place)[0]
+    if rate is not None:
+        return int(count), count_place, check_rate(rate, "--rate"), filled[1] + 1
+    seconds = numbers([interval], interval_place)[0]
     if seconds <= 0.0:
         raise InputError(
             "impossible frame time",
-            where=place,
+            where=interval_place,
             found=interval,
             allowed="seconds above 0",
             next_step="Correct it, for 120 Hz to 0.008333, or say the frames per second with --rate",
         )
-    rate = check_rate(1.0 / seconds, place)
-    return float(round(rate)) if abs(rate - round(rate)) < 2e-4 * rate else rate
+    rate = check_rate(1.0 / seconds, interval_place)
+    if abs(rate - round(rate)) < 2e-4 * rate:  # frame times have few digits (0.008333)
+        rate = float(round(rate))
+    return int(count), count_place, rate, filled[1] + 1
 
 
 def _read_values(lines: list[str], width: int, path: Path, before: int) -> FloatArray:

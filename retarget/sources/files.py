@@ -161,6 +161,13 @@ def no_frame_rate(where: str, *, allowed: str = "") -> InputError:
     return InputError("no frame rate in the file", where=where, allowed=allowed, next_step=step)
 
 
+def assumed_rate(rate: float | None, usual: float) -> tuple[float, tuple[str, ...]]:
+    """The user's rate, Hz, or else the usual one of the format, with a note. Raises InputError."""
+    if rate is None:
+        return usual, (f"frame rate not stated: taken as {usual:g} Hz (change it with --rate)",)
+    return check_rate(rate, "--rate"), ()
+
+
 def check_frame_count(count: int, where: str) -> None:
     """Raise InputError if a recording has no frame, or more than MAX_FRAMES."""
     if count < 1:

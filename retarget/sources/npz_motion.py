@@ -23,6 +23,7 @@ from retarget.sources.files import (
     HEAD_BYTES,
     MAX_VALUE,
     ReadOptions,
+    assumed_rate,
     check_frame_count,
     check_rate,
     no_frame_rate,
@@ -229,10 +230,7 @@ def _stature(tracks: dict[str, FloatArray]) -> float:
 def _read_kimodo(file: ArrayFile, options: ReadOptions) -> SensorFrames:
     """Poses of all joints, y up: SOMA with 77 or 30 joints, or SMPL with 22."""
     position = _positions(file, "posed_joints")
-    notes: tuple[str, ...] = ()
-    if (rate := options.rate) is None:
-        notes = (f"frame rate not stated: taken as {KIMODO_RATE_HZ:g} Hz (change it with --rate)",)
-    rate = KIMODO_RATE_HZ if rate is None else check_rate(rate, "--rate")
+    rate, notes = assumed_rate(options.rate, KIMODO_RATE_HZ)
     count, where = position.shape[1], f"{file.source}: posed_joints"
     if count == G1_COUNT:
         raise InputError(

@@ -277,18 +277,12 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     return joints | {"head_top": crown} if is_top else joints
 
 
-SIDE_WORDS = {
-    1: "l left links linker linke linkes gauche izquierda izquierdo izq sinistra sinistro sx esquerda esquerdo lewa",
-    -1: "r right rechts rechter rechte rechtes droite droit derecha derecho destra destro dx direita direito prawa",
-}
-"""Words in joint names: 1 of the left, -1 of the right."""
-_SIDE_OF = {word: side for side, words in SIDE_WORDS.items() for word in words.split()} | {"左": 1, "右": -1}
 _WORD = re.compile(r"[左右]|[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 
 
 def _named_left(tree: JointTree, limbs: Mapping[str, int]) -> float:
     words = [word.lower() for joint in limbs.values() for word in _WORD.findall(tree.names[joint])]
-    return fsum(_SIDE_OF.get(word, 0) for word in words)
+    return fsum(TABLES["side_words"].get(word, 0) for word in words)
 
 
 def _head_below(tree: JointTree, crown: int, middle: list[int], arms: list[int]) -> int:
