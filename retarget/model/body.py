@@ -1,7 +1,7 @@
 """A robot or a virtual human as a kinematic tree: names, limits, and the arrays of the solver.
 
-Conventions are MuJoCo's (see `retarget/_solver.pyi`): body 0 is the world, parents come before children, `q` holds a
-free joint as xyz + wxyz and a ball as wxyz, and velocities have three coordinates for each rotation.
+Conventions are MuJoCo's (see `retarget/_solver.pyi`): body 0 is the world, parents come first, and `q` holds a free
+joint as xyz + wxyz and a ball as wxyz.
 """
 
 from collections.abc import Iterable, Mapping
@@ -53,8 +53,7 @@ class Frame:
 class Geom:
     """A shape on a body: kind and size (3,) as in MuJoCo, position (3,) m and quat (4,) wxyz.
 
-    size: radius and half length of capsules and cylinders, half sides of boxes, radius of spheres. triangles (t, 3, 3)
-    m: of a mesh, in the shape's frame. collides: False for visual shapes. colour: red, green, blue, 0 to 1, if given.
+    triangles (t, 3, 3) m: of a mesh, in the shape's frame. collides: False for visual shapes. colour: 0 to 1.
     """
 
     name: str
@@ -72,10 +71,10 @@ class Geom:
 class BodyModel:
     """A kinematic tree of nb bodies (0 the world) and nj joints, with nq positions and nv velocities.
 
-    parent (nb,); body_pos (nb,3) m, body_quat (nb,4) wxyz: in the parent's frame; mass (nb,) kg; com (nb,3) m: in the
-    body's frame. joint_body, joint_type (nj,); joint_axis, joint_pos (nj,3): in the body's frame; joint_qpos, joint_dof
-    (nj,): first address in q and in velocities. qpos0 (nq,). lower, upper (nv,): rad or m, infinite without limit.
-    notes: on changes to the file and on what is not used.
+    parent (nb,); body_pos (nb,3) m, body_quat (nb,4) wxyz: in the parent's frame; mass (nb,) kg; com (nb,3) m.
+    joint_body, joint_type (nj,); joint_axis, joint_pos (nj,3): in the body's frame; joint_qpos, joint_dof (nj,): first
+    address in q and velocities. qpos0 (nq,). lower, upper (nv,): rad or m, infinite without limit. notes: on changes
+    and unused parts.
     """
 
     source: str
@@ -295,7 +294,7 @@ def _geom(model: Any, index: int) -> Geom:
 
 
 DECIMALS = 9
-"""Decimals (m, kg) of frames and masses: MuJoCo computes them, and their last bits differ between machines."""
+"""Decimals (m, kg) of MuJoCo's results, whose last bits differ between machines."""
 
 
 def _floats(values: Any) -> FloatArray:
@@ -351,15 +350,14 @@ def joint_weights(body: BodyModel, values: Iterable[tuple[str, float]], *, defau
     return result
 
 
-# Joints with little of a body's mass, as of a head. A balance task would swing them between their limits for a
-# millimetre of the centre of mass.
+# Joints with little mass, as of a head, which a balance task would swing between their limits.
 
 LIGHT = 0.008
-"""Greatest movement of the centre of mass by a light joint, per radian, relative to the body's size."""
+"""Greatest movement of the centre of mass by a light joint, per radian, relative to the size."""
 LIGHT_POSTURES, TURNED = 64, 2.0
-"""Number of postures that are tried, and the greatest angle of their joints, rad."""
+"""Number of postures, and greatest angle of their joints, rad."""
 LIMB_ENDS = ("l_hand", "r_hand", "l_sole", "r_sole")
-"""Frames at the ends of limbs, whose joints are never light."""
+"""Frames at the ends of limbs, which have no light joints."""
 
 
 def low_inertia_joints(body: BodyModel, frames: Mapping[str, Frame]) -> list[int]:
@@ -376,7 +374,6 @@ def low_inertia_joints(body: BodyModel, frames: Mapping[str, Frame]) -> list[int
         most = np.maximum(most, norms(solver.centre_of_mass_jacobian(q).T))
     limbs = {link for name in LIMB_ENDS if name in frames for link in body.chain_to_root(frames[name].body)}
     links = body.joint_body[hinges].tolist()
-    # The size is the height of the origins of links, joints at 0.
     every = np.arange(1, len(body.parent))
     origins = solver.points(body.qpos0[None], every.tolist(), np.zeros((len(every), 3)))[0]
     light = most[dofs] < LIGHT * float(np.ptp(origins[:, 2]))

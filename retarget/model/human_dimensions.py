@@ -37,14 +37,13 @@ class HumanJoint:
     hinges: tuple[Hinge, ...]
 
     def axis(self, hinge: Hinge) -> FloatArray:
-        """Axis (3,) in the rest frame, mirrored on the right side, so that equal angles are equal
-        motions."""
+        """Axis (3,) in the rest frame, mirrored on the right side."""
         mirror = np.array([-1.0, 1.0, -1.0]) if self.name.startswith("r_") else np.ones(3)
         return np.asarray(np.array(hinge.axis) * mirror)
 
 
 def _each_side(name: str, parent: str) -> list[tuple[str, str]]:
-    """A name of the tables and its parent, for both sides if they have `{s}` for the side."""
+    """Names of a table's entry and its parent: `{s}` stands for both sides."""
     sides = "lr" if "{s}" in name else "l"
     return [(name.replace("{s}", side), parent.replace("{s}", side)) for side in sides]
 
@@ -54,18 +53,18 @@ HUMAN_JOINTS: tuple[HumanJoint, ...] = tuple(
     for key, entry in TABLES["joints"].items()
     for name, parent in _each_side(key, entry["parent"])
 )
-"""Parents before children; the root's parent is the world, ""."""
+"""Parents before children; the root has parent ""."""
 
 ENDS: tuple[tuple[str, str], ...] = tuple(pair for end in TABLES["ends"].items() for pair in _each_side(*end))
-"""Points at the ends of the tree: name, and the joint of their segment."""
+"""Points at the ends of the tree, and their segments' joints."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A body segment between two points, proximal `start` and distal `end`: joints or levels of the trunk.
+    """A body segment from proximal `start` to distal `end`: joints or levels of the trunk.
 
-    body: its joint. mass: share of the body's mass. com: centre of mass from `start`, relative to its length. gyration:
-    radius of gyration about that, across the segment, relative to its length.
+    mass: share of the body's. com, gyration: centre of mass from `start`, radius of gyration across, relative to
+    length.
     """
 
     body: str
@@ -79,13 +78,13 @@ class Segment:
 SEGMENTS: tuple[Segment, ...] = tuple(Segment(**entry) for entry in TABLES["segments"])
 
 TRUNK_LEVELS: Mapping[str, float] = TABLES["trunk_levels"]
-"""Heights on the trunk, from the middle of the hips (0) to that of the shoulders (1)."""
+"""Heights on the trunk, from hips (0) to shoulders (1)."""
 
 
 @dataclass(frozen=True)
 class StatureFractions:
-    """Lengths relative to stature: ankle and middle of the head above the ground, heel behind the ankle, tip of the
-    foot ahead of the toe joint."""
+    """Lengths relative to stature: heights of ankle and middle of the head, heel behind ankle, tip of foot ahead of toe
+    joint."""
 
     ankle_height: float
     head_height: float
@@ -112,7 +111,7 @@ def kind_of(name: str) -> str:
 
 
 STATURE_M = (0.5, 2.6)
-"""Statures of humans, m, from infants to the tallest people (2.5 m)."""
+"""Statures of humans, m."""
 
 LENGTH_RATIO = (0.4, 2.2)
 """Bounds of a limb segment's length, relative to the average."""
@@ -126,7 +125,7 @@ class HumanDimensions:
     """The size of one person.
 
     offset (23, 3) m: of `POINTS` from their parents in the rest frame (x forward, y left, z up), standing with hanging
-    arms; zero for the pelvis. stature: m. mass: kg. origin: of the numbers, for reports.
+    arms. stature: m. mass: kg. origin: for reports.
     """
 
     offset: FloatArray
@@ -149,19 +148,19 @@ class HumanDimensions:
         return norm(self.of(name))
 
     def standing(self) -> FloatArray:
-        """All points (23, 3) m in the rest posture, the pelvis at the origin."""
+        """All points (23, 3) m in the rest posture, from the pelvis."""
         return points_of(self.offset)
 
     @property
     def pelvis_height(self) -> float:
-        """Height of the pelvis above the soles in the rest posture, m, on the longer leg."""
+        """Height of the pelvis above the soles at rest, m."""
         points = self.standing()
         ankle = min(points[POINTS.index("l_ankle"), 2], points[POINTS.index("r_ankle"), 2])
         return float(-ankle + FRACTIONS.ankle_height * self.stature)
 
 
 def points_of(offset: FloatArray) -> FloatArray:
-    """All points (23, 3) m from the pelvis, for offsets (23, 3) m from parents in one frame."""
+    """Points (23, 3) m from the pelvis, for offsets (23, 3) m in one frame."""
     points = np.zeros((len(POINTS), 3))
     for i, parent in enumerate(PARENTS):
         if parent >= 0:
@@ -170,7 +169,7 @@ def points_of(offset: FloatArray) -> FloatArray:
 
 
 def stature_of(offset: FloatArray) -> float:
-    """Stature, m, for offsets (23, 3) m, from the height between ankles and head."""
+    """Stature, m, for offsets (23, 3) m."""
     height = points_of(offset)[:, 2]
     ankles = 0.5 * (height[POINTS.index("l_ankle")] + height[POINTS.index("r_ankle")])
     return float((height[POINTS.index("head")] - ankles) / (FRACTIONS.head_height - FRACTIONS.ankle_height))
@@ -188,7 +187,7 @@ def mirrored_dimensions(dimensions: HumanDimensions) -> HumanDimensions:
 
 
 def proportional_dimensions(stature: float) -> HumanDimensions:
-    """Dimensions of a person of average proportions, for a stature in m."""
+    """Dimensions of average proportions for a stature, m."""
     offset = np.array([TABLES["offsets"][kind_of(name)] for name in POINTS]) * stature
     right = [POINTS.index(name) for name in ("r_shoulder", "r_hip")]
     offset[right, 1] *= -1.0
@@ -201,7 +200,7 @@ def proportional_dimensions(stature: float) -> HumanDimensions:
 
 
 def check_plausible(dimensions: HumanDimensions, *, source: str) -> None:
-    """Raise InputError, with all faults, for the dimensions of no human: stature, or lengths of limbs."""
+    """Raise InputError, with all faults, for implausible stature or limbs."""
     low, high = STATURE_M
     if not low <= dimensions.stature <= high:
         raise InputError(
@@ -230,4 +229,3 @@ def check_plausible(dimensions: HumanDimensions, *, source: str) -> None:
 
 
 _CHECKED = tuple(f"{side}_{part}" for part in ("elbow", "wrist", "knee", "ankle") for side in "lr")
-"""Points whose distance from their parent is checked: the limbs."""

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """vertices (v, 3) m; faces (f, 3): corners, counter-clockwise from outside. Faces share vertices on round surfaces,
-    but not along sharp edges, so that a vertex has the mean normal of its faces."""
+    """vertices (v, 3) m; faces (f, 3): corners, counter-clockwise from outside. Round surfaces share vertices, sharp
+    edges do not."""
 
     vertices: FloatArray
     faces: IntArray
@@ -50,19 +50,18 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
 AROUND = 24
 """Corners of a circle."""
 THINNEST, GROUND = 0.002, 2.0
-"""Least radius, and half the side of the visible piece of a half-space, m."""
+"""Least radius, and half the side of a half-space, m."""
 
 
 def shape_mesh(kind: int, size: Iterable[float], *, around: int = AROUND) -> Mesh:
-    """Canonical shape of `scene_shapes` in its own frame, or a piece of a half-space. around: corners of a
-    circle."""
+    """Canonical shape of `scene_shapes` in its own frame. around: corners of a circle."""
     x, y, z = (float(value) for value in size)
     if kind == ShapeKind.CAPSULE:
         radius = max(x, THINNEST)
         angle = np.linspace(0.0, 0.5 * np.pi, max(around // 4, 1) + 1)
         cap = np.column_stack([radius * np.sin(angle), y + radius * np.cos(angle)])
         cap[0, 0] = 0.0
-        upper = cap[::-1] if y > 0.0 else cap[-2::-1]  # a sphere has one equator, or its normals would break there
+        upper = cap[::-1] if y > 0.0 else cap[-2::-1]  # a sphere has one equator
         return _swept(np.concatenate([cap * (1.0, -1.0), upper]), around)
     if kind == ShapeKind.CYLINDER:
         lines = ([(0.0, -y), (x, -y)], [(x, -y), (x, y)], [(x, y), (0.0, y)])
@@ -71,7 +70,7 @@ def shape_mesh(kind: int, size: Iterable[float], *, around: int = AROUND) -> Mes
 
 
 def _swept(line: FloatArray, around: int) -> Mesh:
-    """The surface of a line (n, 2) of radius and height, m, upwards, swept about z."""
+    """Surface of a line (n, 2) of radius and height, m, swept about z."""
     angle = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
     radius, height = line[:, :1], np.repeat(line[:, 1:], around, axis=1)
     vertices = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=-1).reshape(-1, 3)
@@ -98,11 +97,11 @@ def _box(half: FloatArray) -> Mesh:
 
 
 ROUND, EDGE = 0.25, 12
-"""Radius of a box's edges, relative to its least half side; corners of a circle per step of an edge."""
+"""Radius of a box's edges relative to its least half side; corners of a circle per step of an edge."""
 
 
 def _rounded(half: FloatArray, around: int) -> Mesh:
-    """A box (3,) with edges of eighths of a ball. around: corners of a circle."""
+    """A box (3,) with round edges."""
     radius = ROUND * float(half.min())
     quarter = np.linspace(0.0, 0.5 * np.pi, max(around // EDGE, 1) + 1)
     up = np.concatenate([quarter - 0.5 * np.pi, quarter])[:, None]
@@ -122,16 +121,14 @@ def _rounded(half: FloatArray, around: int) -> Mesh:
 
 
 MOST_TRIANGLES = 12_000
-"""Greatest number of triangles of a body, for small pages."""
+"""Greatest number of triangles of a body."""
 DETAILS = (AROUND, 20, 16, 12, 8, 6, 4)
-"""Corners of a circle, in the order of trial."""
 FINE = 0.03
 """Least radius, m, of circles with all corners."""
 LEAST_TRIANGLES = 40
 """Least number of triangles of a file's mesh."""
 THIN, THIN_AROUND, ROOM = 0.025, 12, 500
-"""Rods between links: radius relative to the longest path from the root to a joint, corners, and number of
-triangles."""
+"""Rods between links: relative radius, corners, and number of triangles."""
 
 
 Part = tuple[int, tuple[float, float, float] | None]
@@ -139,8 +136,8 @@ Part = tuple[int, tuple[float, float, float] | None]
 
 
 def link_meshes(body: BodyModel) -> dict[Part, Mesh]:
-    """Meshes of links by colour, each in its link's frame, without planes and height fields. Shapes that do
-    not collide replace the others of a link. Without them, rods close gaps between shapes."""
+    """Meshes of links by colour, each in its link's frame. Shapes that do not collide replace the others of a link;
+    without them, rods close gaps."""
     geoms = _shown(body.geoms, range(1, len(body.parent)))
     found, parts = _drawn(geoms, MOST_TRIANGLES - ROOM), dict[Part, list[Mesh]]()
     for geom, mesh in found:
@@ -151,8 +148,7 @@ def link_meshes(body: BodyModel) -> dict[Part, Mesh]:
 
 
 def link_looks(geoms: Sequence[Geom], links: Iterable[int], *, most: int) -> dict[Part, Mesh]:
-    """Files' meshes that `link_meshes` shows of these links, by colour, with about `most` triangles at
-    most."""
+    """Files' meshes of these links, by colour, with about `most` triangles at most."""
     parts = dict[Part, list[Mesh]]()
     for geom, mesh in _drawn([geom for geom in _shown(geoms, links) if geom.triangles is not None], most):
         parts.setdefault((geom.body, geom.colour), []).append(mesh)
@@ -160,13 +156,13 @@ def link_looks(geoms: Sequence[Geom], links: Iterable[int], *, most: int) -> dic
 
 
 def _shown(geoms: Sequence[Geom], links: Iterable[int]) -> list[Geom]:
-    """The shapes of these links that do not collide; all shapes of a link without any."""
+    """Shapes of these links that do not collide; all of a link without any."""
     own = [[geom for geom in geoms if geom.body == link] for link in links]
     return [geom for all_ in own for geom in [geom for geom in all_ if not geom.collides] or all_]
 
 
 def _drawn(geoms: Sequence[Geom], most: int) -> list[tuple[Geom, Mesh]]:
-    """Geoms with meshes as fine as `most` triangles allow, at least half of them for meshes of files."""
+    """Geoms with meshes as fine as `most` triangles allow."""
     files = [geom for geom in geoms if geom.triangles is not None]
     dense, count, simple = sum(len(_soup(geom)) for geom in files), 0, list[Mesh | None]()
     for around in DETAILS:
@@ -191,7 +187,7 @@ def _soup(geom: Geom) -> FloatArray:
 
 
 def _lots(geoms: Sequence[Geom], most: int) -> list[int]:
-    """Numbers of triangles of files' meshes, by size and by their own number, which rises with detail."""
+    """Numbers of triangles of files' meshes, by size and detail."""
     has = np.array([len(_soup(geom)) for geom in geoms], dtype=np.float64)
     size = np.array([np.linalg.norm(np.ptp(_soup(geom).reshape(-1, 3), axis=0)) for geom in geoms]) + 1e-9
     size *= has**0.25
@@ -205,8 +201,8 @@ def _lots(geoms: Sequence[Geom], most: int) -> list[int]:
 
 
 def _rods(body: BodyModel, shown: Sequence[tuple[Geom, Mesh]]) -> dict[int, list[Mesh]]:
-    """Rods from links to the joints of their children, and to their own shapes across a gap, by link. Links that are
-    fixed to each other are one. Shapes that do not collide need no rods."""
+    """Rods from links to their joints, and to their own shapes across a gap, by link. Links fixed to each other are
+    one."""
     position, quat = body.solver_body().forward(body.qpos0)
     rigid = np.arange(len(body.parent))  # the link whose joint moves each one
     for link in range(1, len(rigid)):
@@ -237,7 +233,7 @@ def _rods(body: BodyModel, shown: Sequence[tuple[Geom, Mesh]]) -> dict[int, list
 def _joins(
     ends: FloatArray, fixed: FloatArray, shapes: Sequence[FloatArray], radius: float, *, is_turned: bool
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Ends of a link's rods, (n, 3) m in its frame. ends: joints of its children; fixed: origins of links fixed to it;
+    """Ends of a link's rods, (n, 3) m in its frame. ends: joints of children; fixed: origins of links fixed to it;
     shapes: points of each. is_turned: a joint turns it about its origin."""
     begin = np.zeros(3)
     boxes = np.array([[points.min(axis=0), points.max(axis=0)] for points in shapes]).reshape(-1, 2, 3)
@@ -257,7 +253,6 @@ def _joins(
 
 
 def _depths(body: BodyModel) -> FloatArray:
-    """Length, m, of the path from the root to each link."""
     depths = np.zeros(len(body.parent))
     for link in range(2, len(depths)):
         parent = body.parent[link]
@@ -266,7 +261,7 @@ def _depths(body: BodyModel) -> FloatArray:
 
 
 def _simple_mesh(geom: Geom, around: int) -> Mesh | None:
-    """A geom in its own frame; None for planes and height fields. Small circles have fewer corners than `around`."""
+    """A geom in its own frame; None for planes and height fields."""
     size = geom.size.tolist()
     middle = sorted(size)[1] if geom.kind == "ellipsoid" else size[0]  # a radius where it is round
     around = min(around, max(4 * round(0.25 * around * (middle / FINE) ** 0.5), DETAILS[-2]))
@@ -283,18 +278,16 @@ def _simple_mesh(geom: Geom, around: int) -> Mesh | None:
 
 
 LEAST_M = 0.05
-"""Least height of a body, m, for its scale."""
 LEFT, RIGHT, MIDDLE = "#d55e00", "#0072b2", "#b0b0b0"
 """Colours of the sides and the middle of a body, of Okabe and Ito's palette."""
 OBSTACLE, OBSERVER = "#b0967a", "#9a5b86"
-"""Colours of the scene's shapes and of active observers, as in the page's legend."""
+"""Colours of the scene's shapes and of active observers."""
 SIDES = {"l_": LEFT, "r_": RIGHT}
 """Colours by the first letters of names."""
 
 
 def side_colours(body: BodyModel, named: Mapping[str, int]) -> tuple[str, ...]:
-    """Colour of each link, by the side of its limb: a limb carries only `l_` or only `r_` frames. named:
-    links by the names of frames on them."""
+    """Colour of each link, by the side of its limb. named: links by the names of frames on them."""
     between = {link for name, end in named.items() if name[:2] not in SIDES for link in body.chain_to_root(end)}
     found: dict[int, str] = {}
     for name, end in named.items():
@@ -308,8 +301,8 @@ def side_colours(body: BodyModel, named: Mapping[str, int]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class SolidBody:
-    """A body to draw. links (k,): those with meshes. meshes (m,): in the frames of their links; owners (m,): index into
-    links; colours (m, 3): 0 to 1. height: in the file's posture, m."""
+    """A body to draw. links (k,): with meshes. meshes (m,): in their links' frames; owners (m,): rows of links; colours
+    (m, 3): 0 to 1. height: m."""
 
     body: BodyModel
     links: IntArray
@@ -324,7 +317,7 @@ class SolidBody:
         return {"height": round(self.height, 4)} | meshes_json(self.meshes, self.colours.tolist(), self.owners.tolist())
 
     def poses(self, q: FloatArray) -> FloatArray:
-        """Poses (T, k, 7) of its links in postures (T, nq): position, m, and quaternion wxyz."""
+        """Poses (T, k, 7) of its links in postures (T, nq): position, m, and wxyz."""
         forward = [self.kinematics.forward(np.ascontiguousarray(posture)) for posture in q]
         return np.array([np.column_stack(pose)[self.links] for pose in forward])
 
@@ -336,8 +329,7 @@ class SolidBody:
 def meshes_json(
     meshes: Iterable[Mesh], colours: Iterable[Sequence[float]], links: Iterable[int] | None = None
 ) -> dict[str, Any]:
-    """Data of `bodies.js` for meshes and colours, 0 to 1, with vertices to 0.1 mm. links: numbers of their
-    poses; None if each mesh has its own."""
+    """Data of `bodies.js`: vertices to 0.1 mm. links: numbers of poses; None if each mesh has its own."""
     return {
         "meshes": [
             {
@@ -366,7 +358,6 @@ def solid_body(body: BodyModel, named: Mapping[str, int] | None = None) -> Solid
     if named is None:
         named = {name: link for link, name in enumerate(body.body_names) if link > 0}
     meshes, sides, kinematics = link_meshes(body), side_colours(body, named), body.solver_body()
-    # A limb shows its side, so links keep their own colours only beside it.
     shades = [own if own and (sides[link] == MIDDLE or (link, None) in meshes) else rgb(sides[link])
               for link, own in meshes]  # fmt: skip
     links, owners = np.unique([link for link, _ in meshes], return_inverse=True)

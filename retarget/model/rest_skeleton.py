@@ -1,5 +1,4 @@
-"""Checks of a rest skeleton, from which a person's size and the turns of their limbs are read: it stands upright, and
-faces x."""
+"""Checks of a rest skeleton, from which sizes and turns of limbs are read: it stands upright, and faces x."""
 
 from collections.abc import Sequence
 
@@ -11,21 +10,19 @@ from retarget.frames import Skeleton, stature
 from retarget.types import FloatArray
 
 ALONG = 0.7
-"""Least cosine between lines of a body with the same direction, such as trunk and legs."""
+"""Least cosine between parallel lines of a body, such as trunk and legs."""
 LEAST_SHOULDERS, LEAST_HIPS, LEAST_FOOT = 0.1, 0.03, 0.03
-"""Least width of shoulders and hips, and length of a foot on the ground, relative to stature. A shorter foot is the end
-of a leg without a toe."""
+"""Least widths of shoulders and hips, and length of a foot, relative to stature."""
 
 SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
-"""Segments of limbs, by the joints at their begin and end."""
 _SEGMENT_OF = {"wrist": "elbow", "ankle": "knee", "toe": "knee"}
-"""At rest a hand has the turn of the forearm, and a foot that of the shank."""
+"""At rest a hand is turned as the forearm, and a foot as the shank."""
 _DOWN = np.array([0.0, 0.0, -1.0])
 
 
 def limb_turns(skeleton: Skeleton, sensors: Sequence[str]) -> FloatArray:
-    """Turns (k, 4) wxyz of sensors' segments from hanging down to the skeleton's rest pose by the shortest
-    arc; the identity for those of the trunk, NaN for a bone of no length."""
+    """Turns (k, 4) wxyz of sensors' segments from hanging down to the rest pose; the identity for the trunk, NaN for a
+    bone of no length."""
     result = np.tile(rotations.IDENTITY, (len(sensors), 1))
     for row, sensor in enumerate(sensors):
         side, part = sensor[:2], sensor[2:]
@@ -37,8 +34,7 @@ def limb_turns(skeleton: Skeleton, sensors: Sequence[str]) -> FloatArray:
 
 
 def hanging_toe(skeleton: Skeleton, side: str) -> FloatArray | None:
-    """Offset (3,) m of a toe from its ankle under a hanging leg; None without a toe or a length on the
-    ground."""
+    """Offset (3,) m of a toe from its ankle under a hanging leg; None without it."""
     if f"{side}_toe" not in skeleton.names:
         return None
     ankle = f"{side}_ankle"
@@ -48,7 +44,7 @@ def hanging_toe(skeleton: Skeleton, side: str) -> FloatArray | None:
 
 
 def rest_faults(skeleton: Skeleton) -> tuple[str, ...]:
-    """Reasons, in words, why a rest skeleton does not stand upright and face x."""
+    """Reasons why a rest skeleton does not stand upright and face x."""
     size, faults = _size(skeleton), []
     trunk = skeleton.of("head") - _middle(skeleton, "hip")
     legs = _middle(skeleton, "hip") - _middle(skeleton, "ankle")
@@ -68,7 +64,6 @@ def rest_faults(skeleton: Skeleton) -> tuple[str, ...]:
 
 
 def _size(skeleton: Skeleton) -> float:
-    """Stature, or the length along the bones from ankles to head if the neck is unknown."""
     leg = skeleton.distance("l_hip", "l_knee") + skeleton.distance("l_knee", "l_ankle")
     return stature(skeleton) or leg + norm(skeleton.of("head") - _middle(skeleton, "hip"))
 

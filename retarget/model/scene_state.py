@@ -20,8 +20,8 @@ from retarget.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class ObstacleMotion:
-    """A motion in stretches of constant velocity. times (m): rising starts, s; pieces (m): pose and velocity at each
-    start, the last one for ever. It rests before the first time. loop: it repeats from the last time on."""
+    """A motion of constant velocities. times (m): rising starts, s; pieces (m): pose and velocity from each start on.
+    loop: it repeats from the last time on."""
 
     times: tuple[float, ...]
     pieces: tuple[MovingPose, ...]
@@ -41,7 +41,7 @@ class ObstacleMotion:
             time = first + fmod(time - first, last - first)
         index = bisect_right(self.times, time) - 1
         if self.loop:
-            index = min(index, len(self.times) - 2)  # rounding may give the last time; a loop never rests there
+            index = min(index, len(self.times) - 2)  # rounding may give the last time
         piece = self.pieces[index]
         return piece if _rests(piece) else _moved(piece, time - self.times[index])
 
@@ -85,7 +85,7 @@ def _scaled(vector: Vector, factor: float) -> Vector:
 
 
 LIVE_SPEED = 10.0
-"""Bound of live velocities, m/s, as a jump of the tracker is no throw."""
+"""Bound of live velocities, m/s, against jumps of the tracker."""
 LIVE_TURN = 20.0
 """Bound of live angular velocities, rad/s."""
 VELOCITY_HOLDS = 0.2
@@ -106,16 +106,13 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True)
 class _Held:
-    """The last valid update, the one before it, and the motion that follows."""
-
     last: _Seen
     before: _Seen | None
     motion: ObstacleMotion
 
 
 class LivePose:
-    """The last valid pose of an obstacle. Updates are atomic for a reader in another thread. dropped: number of invalid
-    updates."""
+    """The last valid pose of an obstacle, atomic for another thread. dropped: number of invalid updates."""
 
     def __init__(self) -> None:
         self.dropped = 0
@@ -130,11 +127,9 @@ class LivePose:
         velocity: Numbers | None = None,
         angular_velocity: Numbers | None = None,
     ) -> bool:
-        """Take a pose. Returns True if it is valid.
+        """Take a pose; True if it is valid.
 
-        Dropped and counted: numbers that are not finite or too many, a place beyond 1000 m, a quaternion of length
-        zero, and a time before the last one. An update of the same time replaces the first. The default velocity is
-        that between the last two poses.
+        Numbers must be finite, within 1000 m, in rising time. The default velocity is that between the last two poses.
         """
         seen = _read(position, quat, time, velocity, angular_velocity)
         held = self._held
@@ -147,12 +142,11 @@ class LivePose:
         return True
 
     def restart(self) -> None:
-        """Delete all poses, as time starts anew."""
+        """Delete all poses."""
         self._held = None
 
     def at(self, time: float) -> MovingPose | None:
-        """Last valid pose (m, wxyz) with its velocities, at rest after VELOCITY_HOLDS; None before the
-        first."""
+        """Last valid pose (m, wxyz) and its velocities, which end after VELOCITY_HOLDS; None before the first."""
         held = self._held
         return None if held is None else held.motion.at(max(time, held.last.time))
 
@@ -187,7 +181,7 @@ def _vector(numbers: Numbers) -> Vector:
 
 
 def _moving(seen: _Seen, before: _Seen | None) -> MovingPose:
-    """The pose with velocities that were sent, or since the last update, within bounds."""
+    """The pose with velocities, sent or from the last update, within bounds."""
     linear, angular = seen.linear or NO_MOTION, seen.angular or NO_MOTION
     if before is not None:
         step = seen.time - before.time
@@ -208,8 +202,8 @@ def _rate(moved: Vector, step: float, bound: float) -> Vector:
 
 @dataclass(frozen=True, eq=False)
 class ObstaclePoses:
-    """Canonical frames of k shapes in the world: position (k, 3) m, quat (k, 4) wxyz, linear_velocity (k, 3) m/s of
-    their origins, angular_velocity (k, 3) rad/s."""
+    """Canonical frames of k shapes in the world: position (k, 3) m, quat (k, 4) wxyz, linear_velocity (k, 3) m/s,
+    angular_velocity (k, 3) rad/s."""
 
     position: FloatArray
     quat: FloatArray
@@ -219,7 +213,7 @@ class ObstaclePoses:
 
 @dataclass(frozen=True, slots=True)
 class _Track:
-    """One obstacle: T_world_frame of the frame that it names, T_obstacle_shape, motion by the file, and live pose."""
+    """One obstacle: T_world_frame, T_obstacle_shape, motion by the file, and live pose."""
 
     frame: Pose
     shape: Pose
@@ -269,10 +263,8 @@ class SceneState:
         return ObstaclePoses(poses.position, poses.quat, still, still)
 
     def live(self, name: str) -> LivePose:
-        """Live pose of an obstacle, which replaces the file's motion from its first valid update on.
-
-        It is that of the obstacle's own frame, in the frame that it names. Raises UsageError for an unknown name.
-        """
+        """Live pose of an obstacle in the frame that it names; its updates replace the file's motion. Raises
+        UsageError."""
         track = self._tracks.get(name)
         if track is None:
             known = self.shapes.names

@@ -1,9 +1,8 @@
 """Simplified meshes for pictures, with corners that share a normal on round surfaces.
 
-Edge collapse with quadric error metrics (Garland and Heckbert, "Surface Simplification Using Quadric Error Metrics",
-SIGGRAPH 1997, sections 3 to 6), many edges at a time: the cheapest at both of their ends that keep the topology (link
-condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology Preserving Edge Contraction", Publications de l'Institut
-Mathematique 66, 1999), so that walls of a thin shell stay apart.
+Edge collapse with quadric error metrics (Garland and Heckbert, SIGGRAPH 1997, sections 3 to 6), many edges at a time:
+the cheapest at both of their ends that keep the topology (link condition of Dey, Edelsbrunner, Guha and Nekhayev,
+Publications de l'Institut Mathematique 66, 1999), so that walls of a thin shell stay apart.
 """
 
 import numpy as np
@@ -13,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from retarget.types import BoolArray, FloatArray, IntArray
 
 DENSE, AT_FIRST = 12_000, 30
-"""A mesh of more triangles, absolute or relative to the result, is first merged on a grid, which is fast."""
+"""A mesh of more triangles, absolute or relative, is first merged on a grid."""
 SAME = 1e-5
 """Distance of equal corners, relative to the mesh's size."""
 BORDER = 10.0
@@ -21,18 +20,18 @@ BORDER = 10.0
 SHORT = 1e-4
 """Weight of an edge's squared length, which thins flat regions evenly."""
 STIFF = 1e-4
-"""Pull to the middle of an edge, relative to its quadric's mean diagonal, if planes leave its place open."""
+"""Pull to the middle of an edge, relative to its quadric's mean diagonal."""
 CHEAPEST = 0.5
 """Share of edges, the cheapest, that may collapse in a round."""
 SLOW, LAST = 0.01, 2.0
-"""Least progress of a round, as a share of the faces: below it the share of edges rises. Beyond all edges, those that
-turn a face over or change the topology may collapse too, as sheets on each other have no others."""
+"""Least progress of a round, as a share of the faces, below which more edges may collapse; beyond all of them, also
+those that turn a face over or change the topology."""
 TRIES = 2
-"""Number of choices of edges in a round, as chosen ones may turn a face over."""
+"""Number of choices of edges in a round."""
 TURNED = 0.2
 """Least cosine between a face before and after a collapse."""
 CREASE = np.cos(np.radians(50.0))
-"""Cosine of the least angle between faces at a sharp edge: cylinders of eight sides are round."""
+"""Cosine of the least angle of a sharp edge: cylinders of eight sides are round."""
 
 
 def thinned(triangles: FloatArray, most: int) -> FloatArray:
@@ -43,7 +42,7 @@ def thinned(triangles: FloatArray, most: int) -> FloatArray:
     size = max(float(np.ptp(triangles.reshape(-1, 3), axis=0).max()), 1e-9)
     points, place = _merged((triangles - low).reshape(-1, 3) / size, SAME)
     faces, cells = _real(place.reshape(-1, 3)), 3.0 * DENSE**0.5
-    while len(faces) > DENSE:  # fine cells, whose middles suffice
+    while len(faces) > DENSE:
         points, place = _merged(points, 1.0 / cells, _octants(points, faces))
         faces, cells = _real(place[faces]), cells / 1.5
     quadrics, cells = _quadrics(points, faces), 2.0 * most**0.5
@@ -63,7 +62,7 @@ def thinned(triangles: FloatArray, most: int) -> FloatArray:
 
 
 def _merged(points: FloatArray, cell: float, kind: IntArray | int = 0) -> tuple[FloatArray, IntArray]:
-    """Middles (p, 3) of the points of a kind, 0 to 7, in each cell of a grid; and the row of each point in them."""
+    """Middles (p, 3) of the points of a kind in each cell of a grid; and each point's row in them."""
     number = np.round(points / cell).astype(np.int64) + 1
     cells = (number[:, 0] * 2**20 + number[:, 1]) * 2**20 + number[:, 2]
     _, place = np.unique(cells * 8 + kind, return_inverse=True)
@@ -72,7 +71,7 @@ def _merged(points: FloatArray, cell: float, kind: IntArray | int = 0) -> tuple[
 
 
 def _octants(points: FloatArray, faces: IntArray) -> IntArray:
-    """Octant, 0 to 7, of the normal at each point (p,), which tells apart both sides of a thin wall."""
+    """Octant, 0 to 7, of the normal at each point, which differs on both sides of a thin wall."""
     normals = np.tile(_normals(points, faces), (3, 1))
     return np.asarray((_summed(normals, faces.T.ravel(), len(points)) > 0.0) @ np.array([1, 2, 4]))
 
@@ -83,7 +82,7 @@ def _summed(values: FloatArray, place: IntArray, count: int) -> FloatArray:
 
 
 def _nearest(quadrics: FloatArray, middle: FloatArray) -> FloatArray:
-    """Points (n, 3) nearest to the planes of quadrics (n, 4, 4), and to `middle` where these leave them open."""
+    """Points (n, 3) nearest to the planes of quadrics (n, 4, 4), or else to `middle`."""
     stiff = STIFF * np.trace(quadrics[:, :3, :3], axis1=1, axis2=2)[:, None] / 3.0 + 1e-12
     left = quadrics[:, :3, :3] + stiff[..., None] * np.eye(3)
     return np.asarray(np.linalg.solve(left, (stiff * middle - quadrics[:, :3, 3])[..., None])[..., 0])
@@ -98,8 +97,7 @@ def _real(faces: IntArray) -> IntArray:
 
 
 def _edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Edges (e, 2), their numbers of faces, and the edge of each of the 3 f sides: first 0 to 1 of all faces, then 1 to
-    2, 2 to 0."""
+    """Edges (e, 2), numbers of their faces, and edges of the 3 f sides: 0 to 1 of all faces, then 1 to 2, 2 to 0."""
     sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     key, edge, count = np.unique(sides[:, 0] * 2**32 + sides[:, 1], return_inverse=True, return_counts=True)
     return np.column_stack([key // 2**32, key % 2**32]), count, edge
@@ -112,7 +110,7 @@ def _normals(points: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def _quadrics(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Quadrics (p, 4, 4) of points: squared distances from planes of faces, and from planes across open edges."""
+    """Quadrics (p, 4, 4) of points: planes of faces, and planes across open edges."""
     normal = _normals(points, faces)
     area = np.linalg.norm(normal, axis=1)
     unit = normal / np.maximum(area, 1e-15)[:, None]
@@ -168,8 +166,7 @@ def _collapsed(
 
 
 def _pinching(points: int, edges: IntArray, count: IntArray, chosen: BoolArray) -> BoolArray:
-    """Mask of the chosen edges whose collapse changes the topology: their ends have common neighbours outside their
-    faces, or are on different borders. count: faces of each edge."""
+    """Mask of chosen edges whose collapse changes the topology: with other common neighbours, or between borders."""
     sides = np.concatenate([edges, edges[:, ::-1]])
     meets = csr_array((np.ones(len(sides), dtype=np.int32), (sides[:, 0], sides[:, 1])), shape=(points, points))
     border = np.zeros(points, dtype=bool)
@@ -180,7 +177,7 @@ def _pinching(points: int, edges: IntArray, count: IntArray, chosen: BoolArray) 
 
 
 def _turning(points: FloatArray, faces: IntArray, edges: IntArray, target: FloatArray, chosen: BoolArray) -> BoolArray:
-    """Mask of the chosen edges whose collapse to `target`, all at once, turns a face over."""
+    """Mask of chosen edges whose collapse to `target` turns a face over."""
     moved, names, of = points.copy(), np.arange(len(points)), np.full(len(points), -1)
     pick = np.flatnonzero(chosen)
     for end in range(2):
@@ -192,13 +189,12 @@ def _turning(points: FloatArray, faces: IntArray, edges: IntArray, target: Float
     lengths = np.linalg.norm(old, axis=1) * np.linalg.norm(new, axis=1)
     over = (old * new).sum(axis=1) < TURNED * lengths
     wrong = np.zeros(len(edges) + 1, dtype=bool)
-    wrong[of[faces[stays][over]].ravel()] = True  # the last one stands for points that stay
+    wrong[of[faces[stays][over]].ravel()] = True  # the last is for points that stay
     return wrong[:-1]
 
 
 def creased(triangles: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Vertices (v, 3) and faces (f, 3) of triangles (t, 3, 3) m, with vertices shared on round surfaces, but not
-    at sharp edges."""
+    """Vertices (v, 3) and faces (f, 3) of triangles (t, 3, 3) m; sharp edges share no vertices."""
     corners = triangles.reshape(-1, 3)
     _, place = np.unique(corners, axis=0, return_inverse=True)
     place = place.reshape(-1, 3)
@@ -209,7 +205,7 @@ def creased(triangles: FloatArray) -> tuple[FloatArray, IntArray]:
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-15)[:, None]
     edge = _edges(place)[2]
     order = np.argsort(edge, kind="stable")
-    first, second = order[:-1], order[1:]  # pairs of sides, kept below if they are of one edge
+    first, second = order[:-1], order[1:]
     first, second = (sides[edge[first] == edge[second]] for sides in (first, second))
     smooth = (normal[first % count] * normal[second % count]).sum(axis=1) > CREASE
     first, second = first[smooth], second[smooth]

@@ -1,10 +1,9 @@
 """Arm branches: moves an arm out of a branch of postures in which it cannot look like the performer's.
 
-An arm may have several postures with nearly the same lines, and the path between them passes through worse ones, so the
-solver stays in its branch. A descent from the present posture, without speed limits, distinguishes this from a lag: the
-branch is wrong if it ends far from the desired lines and one from elsewhere ends much nearer. The arm is then driven
-there in joint space while the performer's arm is still. A deviating arm would bend the trunk, which gets more weight
-meanwhile.
+An arm may have several postures with nearly the same lines, and the path between them passes through worse ones, where
+the solver does not go. A descent from the present posture, without speed limits, finds out: the branch is wrong if it
+ends far from the desired lines and one from elsewhere much nearer. The arm is then driven there in joint space while
+the performer's is still. A deviating arm would bend the trunk, which gets more weight.
 """
 
 from collections.abc import Callable, Container, Mapping, Sequence
@@ -39,9 +38,9 @@ CAUGHT = 0.26
 ARRIVED = 0.09
 """Greatest difference of descents in one branch, rad."""
 UNLIKE_S, CHECK_S = 1.0, 0.05
-"""Time of deviation before a check, longer than a jump by 2 rad takes, and between checks, s."""
+"""Time of deviation before a check, and between checks, s."""
 STRAY_S, TRUNK_RISE_S, TRUNK_WEIGHT = 0.3, 0.3, 2.0
-"""Time after which a deviation is no lag, rise time of the trunk's weight, s, and its greatest weight."""
+"""Time after which a deviation is no lag, rise time of the trunk's weight, s, and that weight."""
 TRUNK_TASKS = ((SlotKind.LIMB, TRUNK), (SlotKind.ORIENTATION, TRUNK), (SlotKind.POSITION, PELVIS))
 """Line, twist and place of the trunk."""
 STILL_ARM = 0.35
@@ -49,7 +48,7 @@ STILL_ARM = 0.35
 SECOND_COSTS = 0.3
 """Deviation that outweighs a second of path, rad/s."""
 DRIVE_SPEED, DRIVE_RISE_S, DRIVE_JERK_S = 0.35, 0.3, 0.04
-"""Speed relative to the servos', and times of acceleration and jerk, s. Faster arms tip light robots."""
+"""Speed relative to the servos', and times of acceleration and jerk, s: faster arms tip light robots."""
 LONGEST_DRIVE_S = 3.0
 """Time after which a driven arm counts as blocked, s."""
 
@@ -70,7 +69,7 @@ class ArmBranches:
             arm.restart()
 
     def reset(self, q: FloatArray) -> None:
-        """Go on from posture q (nq,), to which the robot was sent instead."""
+        """Go on from posture q (nq,), that was sent instead."""
         for arm in self._arms:
             arm.reset(q)
 
@@ -93,7 +92,7 @@ class ArmBranches:
     ) -> bool:
         """Set the targets for a tick of `dt` s from posture q (nq,); True if an arm is driven.
 
-        limbs: desired lines, m, see `limb_names`, which are set already. speed_override: (0, 1], share of all speeds.
+        limbs: desired lines, m, which are set already. speed_override: (0, 1], share of all speeds.
         """
         hierarchy.reset_posture(targets)
         driven = [arm for arm in self._arms if arm.look(q, dt, speed_override, limbs=limbs, reached=reached)]
@@ -134,7 +133,7 @@ class _Arm:
         self, q: FloatArray, dt: float, speed_override: float, *, limbs: Sequence[Vector], reached: Reached
     ) -> bool:
         """True if the arm is driven in the next tick."""
-        passed = speed_override * dt  # a slower arm has longer times
+        passed = speed_override * dt
         self._looked_s += passed
         self._driven.step(passed, holds=self._moves is not None)
         if self._looked_s >= CHECK_S:
@@ -199,7 +198,7 @@ class _Descent:
         self._columns = body.scalar_joints()[1][moving]
         servos = np.isin(robot.servo_columns, self._columns)
         self.servos, self.speed = robot.servo_columns[servos], DRIVE_SPEED * robot.joint_map.max_velocity[servos]
-        """Columns of its servos in q, and their speeds when driven, rad/s."""
+        """Columns of its servos in q, and their speeds, rad/s."""
         # The norm of all lines is then the weighted root mean square of their angles.
         share = np.array(list(weights.values()))
         self._scale = (share / norm(share) / [mark.robot_length for mark in marks])[:, None]

@@ -32,7 +32,7 @@ from retarget.types import FloatArray
 HEAVE = 1.5
 """Greatest vertical acceleration of the centre of mass, m/s^2, as soles slide under less weight and tilt under more."""
 LARGER = 1.2
-"""Size of the zero-moment point's polygon relative to the capture point's: a larger one lets soles slip."""
+"""Size of the zero-moment point's polygon relative to the capture point's, as soles slip less in a small one."""
 SPARE = 0.5
 """Tolerance of the zero-moment point that returns a capture point, relative to the distance outside."""
 
@@ -57,7 +57,7 @@ class StandingBalance:
         self._drawn_in: Edges = self.edges.tolist()
         share = moving_share(priorities)
         self._room = None
-        if share is not None:  # polygons about the middle of the soles, the larger at most as large as the support
+        if share is not None:  # polygons about the middle of the soles
             middle = np.concatenate([sole.outline for sole in stance.soles]).mean(axis=0)
             at, largest = matmul(self.edges[:, :2], middle), min(LARGER * share, 1.0)
             captured, pressed = (
@@ -69,7 +69,6 @@ class StandingBalance:
     def spaces(self, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
         """Half-spaces (k, 4) for the centre of mass after `dt` s, now at com (3,) m with velocity (3,) m/s."""
         if self._room is None:
-            # MASS_BRAKING can stop the centre of mass before an edge.
             x, y, _ = com.tolist()
             change, drawn = MASS_BRAKING * dt * dt, []
             for nx, ny, offset in self._drawn_in:
@@ -85,12 +84,12 @@ def support_tasks(priorities: Priorities) -> list[CentreOfMassTask]:
 
 
 def moving_share(priorities: Priorities) -> float | None:
-    """Share of the support polygon for a mass in motion; None: balance as if at rest."""
+    """Share of the support polygon for a mass in motion; None: at rest."""
     return min((task.moving for task in support_tasks(priorities) if task.moving is not None), default=None)
 
 
 def moving_spaces(room: Room, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
-    """Half-spaces (k, 4), n . c <= d in m, that keep capture point and zero-moment point in their room."""
+    """Half-spaces (k, 4), n . c <= d in m, for capture point and zero-moment point."""
     x, y, z = com.tolist()
     vx, vy, vz = velocity.tolist()
     settle = sqrt(z / GRAVITY) / dt  # 1 / (omega dt)
@@ -137,8 +136,7 @@ def _pushed_back(room: Room, capture: tuple[float, float]) -> tuple[float, float
 #
 #     torque = A - share W u . (p - o),    W = m (g + z''),    u = (-a_y, a_x)
 #
-# A is of the leg's own weight. At rest p and share follow from the centre of mass, so a limit is a half-space for it
-# and o.
+# A is of the leg's own weight. At rest p and share follow from the centre of mass, and a limit is a half-space.
 
 STANDING_SPARE = 1.1
 """A joint may always carry this multiple of its torque in `stand`."""
@@ -147,13 +145,13 @@ WATCHED = 0.5
 STRENGTH_BRAKING = 0.5
 """Deceleration before a torque limit, m/s^2."""
 BACK = 0.5
-"""Acceleration of an overloaded joint's return, m/s^2, which legs and balance can follow."""
+"""Acceleration of an overloaded joint's return, m/s^2."""
 
 _FREE = np.zeros((0, 7))
 
 
 class StandingStrength:
-    """Torque limits of a robot's legs on two soles, at a share of the stall torque."""
+    """Torque limits of legs on two soles, at a share of the stall torque."""
 
     def __init__(self, robot: RobotBody, stance: Stance, *, share: float) -> None:
         body = robot.body
@@ -190,8 +188,7 @@ class StandingStrength:
         *,
         keeps: bool = True,
     ) -> None:
-        """Write the half-spaces of the next `dt` s. q: (nq,); com: (3,) m. keeps: False removes all limits, as for one
-        leg."""
+        """Write the half-spaces of the next `dt` s. q: (nq,); com: (3,) m. keeps: False removes all limits."""
         spaces = self.spaces(q, com, dt) if keeps else [_FREE] * len(self.names)
         for name, edges in zip(self.names, spaces, strict=True):
             hierarchy.set_strength(targets, name, edges)
@@ -201,7 +198,7 @@ class StandingStrength:
         torque = self.torques(q)
         used = np.abs(torque) / self.most
         by_com, by_joint, places = self._gradients(q, com)
-        lever = 2.0 / self._weight  # [m per N m] for half of the weight
+        lever = 2.0 / self._weight  # [m per N m]
         spaces = [_FREE] * len(self.names)
         for k in np.flatnonzero(used > WATCHED).tolist():
             sign = 1.0 if torque[k] > 0.0 else -1.0
@@ -212,7 +209,7 @@ class StandingStrength:
         return spaces
 
     def _gradients(self, q: FloatArray, com: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Gradients (k, 2) N of torques by centre of mass and by joints' places, and these places (k, 3) m."""
+        """Gradients (k, 2) N of torques by centre of mass and joints' places, and these places (k, 3) m."""
         places, turns, _ = self._probe.read(q)
         axes = rotations.rotate(turns, self._axis)
         u = np.column_stack([-axes[:, 1], axes[:, 0]])
@@ -231,7 +228,7 @@ class StandingStrength:
 
 
 def leg_joints(robot: RobotBody) -> dict[str, tuple[int, Frame]]:
-    """Joints between the root and a single sole: name -> number of the foot, and frame on the link."""
+    """Joints between the root and a single sole: name -> foot, and frame on the link."""
     body = robot.body
     chains = [body.chain_to_root(robot.frame(foot.frame).body) for foot in robot.profile.feet.values()]
     found = {}
@@ -259,11 +256,11 @@ def standing_strength(robot: RobotBody, priorities: Priorities, stance: Stance) 
 
 
 ENOUGH = 0.65
-"""Share of the stall torque that a servo may need at rest, as it must also move the robot from there."""
+"""Share of the stall torque that a servo may need at rest."""
 FROM_STAND = 1e-4
 """Weight of a radian away from `stand`, relative to a metre of error."""
 FREE_ROOT = 3
-"""Coordinates of the root that the fit may change: its position."""
+"""Coordinates of the root that the fit may change."""
 
 
 @dataclass(frozen=True)
@@ -285,7 +282,7 @@ class PostureLoad:
 
 
 def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
-    """Heaviest loads of the legs in `stand`, in `rest` and on one leg; empty without two soles."""
+    """Heaviest loads of the legs in `stand`, in `rest` and on one leg."""
     stance = plant(robot, robot.profile.postures.stand)
     if len(stance.soles) != 2:
         return []
@@ -296,8 +293,7 @@ def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
 
 
 def on_one_leg(robot: RobotBody) -> tuple[PostureLoad, float]:
-    """The heavier load of both legs, each under the centre of mass; and the distance, m, that the mass stays off, for
-    lack of joints that roll."""
+    """The heavier load of both legs, each under the centre of mass; and the distance, m, that the mass stays off."""
     stance = plant(robot, robot.profile.postures.stand)
     keeps, loads, missed = StandingStrength(robot, stance, share=1.0), [], 0.0
     for sole in stance.soles:
@@ -315,8 +311,7 @@ def _heaviest(keeps: StandingStrength, posture: str, torque: FloatArray) -> Post
 
 
 def _over(robot: RobotBody, joints: tuple[str, ...], stance: Stance, alone: Stance) -> tuple[FloatArray, float]:
-    """Posture (nq,) nearest to `stand` with flat soles and the centre of mass over that of `alone`; and its error,
-    m."""
+    """Posture (nq,) nearest to `stand` with the centre of mass over the sole of `alone`; and its error, m."""
     body, solver = robot.body, robot.body.solver_body()
     columns = body.joint_qpos[[body.joint_index(joint) for joint in joints]]
     dofs = [body.dof_index(joint) for joint in joints]

@@ -1,8 +1,7 @@
 """Deflection compensation: goals that hold a robot in its planned posture, on servos that yield under its weight.
 
-A servo with a P gain is a spring, so each goal is offset by the deflection that the posture's torques (`GravityTorque`)
-cause. An I gain compensates within seconds by itself, and the offset leaves that out. Joints that carry the robot wait
-for the slowest of them.
+A servo with a P gain is a spring, so each goal is offset by its deflection. An I gain compensates by itself within
+seconds, and the offset leaves that out. Joints that carry the robot wait for the slowest of them.
 """
 
 from collections.abc import Callable
@@ -36,9 +35,9 @@ MOST_ACCELERATION = 5.0
 class Offset:
     """Offset of the goal from a posture (n,) rad.
 
-    compensated: against the load, (n,) rad, which moved by `moved` in the last tick; behind: to wait for slower joints;
-    integrated: by I gains. masses, velocities (k, 3): of links, m and m/s, smoothed. ticks: since torque came on.
-    forced: the gate's limits moved the offset. walked: of a walking robot.
+    compensated: against the load, (n,) rad; moved: by that in the last tick; behind: to wait for slower joints;
+    integrated: by I gains. masses, velocities (k, 3): of links, m and m/s. ticks: since torque came on. forced: by the
+    gate's limits. walked: of a walking robot.
     """
 
     posture: FloatArray
@@ -73,7 +72,6 @@ class DeflectionCompensation:
         self._compliance = joint_compliance(robot)  # (n, n) [rad/(N m)]
         self._lag = np.array([loop_lag(servo) for servo in servos])  # (n,) [s]
         self._integral = np.array([integral_rate(servo) for servo in servos])  # (n,) [1/s] rate of the I gain
-        # Only these joints move the whole body when one of them lags.
         carrying = standing_dofs(robot)[self._dofs]
         waits = np.where(carrying, self._lag.max(where=carrying, initial=0.0) - self._lag, 0.0)  # (n,) [s]
         self._catch_up = dt / (dt + waits)  # (n,)
@@ -101,8 +99,7 @@ class DeflectionCompensation:
         ahead: FloatArray | None = None,
         walks: bool | None = False,
     ) -> tuple[FloatArray, Offset]:
-        """Goal (n,) that holds a posture (n,), rad, and its offset. nearest: maps a goal to the nearest one within the
-        gate's limits."""
+        """Goal (n,) that holds a posture (n,), rad, and its offset. nearest: maps a goal into the gate's limits."""
         q = self._standing(posture)
         # Accelerations of links are filtered, as second differences would be noise.
         velocities = self._settled(last.masses, last.velocities, self._masses.places(q))
@@ -120,10 +117,9 @@ class DeflectionCompensation:
         moved = np.clip(self._dt * speed, -most, most)
         still = np.maximum(np.abs(moved), np.abs(desired - last.compensated)) < STILL_RAD
         compensated = np.where(still, last.compensated, last.compensated + moved)
-        # A first-order lag makes a fast servo wait.
         behind = (1.0 - self._catch_up) * (last.posture + last.behind - posture)
         behind[np.abs(behind) < STILL_RAD] = 0.0
-        # The gate's bounds may shorten the offset; it refuses a goal that they move.
+        # The gate's bounds may shorten an offset, not move it.
         target = posture + behind
         goal = nearest(target + compensated)
         kept, before = goal - target, last.compensated

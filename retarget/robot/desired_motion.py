@@ -20,13 +20,12 @@ from retarget.rotations import Quat, arc, as_vector, inverse, product, rotated, 
 from retarget.types import FloatArray
 
 SMOOTH_S = 0.018
-"""Time constant of each of three low passes, s, whose lag is compensated at constant velocity. Two with the same lag
-let through twice the noise."""
+"""Time constant of three low passes, s. Two with the same lag let through twice the noise."""
 RATE = 14.0
 """Rate at which a gap closes, 1/s: a compromise of noise and lag."""
 FREE, CARRYING = (1.0, 0.4, 1.0), (0.5, 0.2, 0.5)
-"""Limits of landmarks that the legs do not move, and of others: acceleration of the motion, acceleration and speed of
-closing gaps, relative to the weakest joint's."""
+"""Limits of landmarks that legs do not move, and of others: acceleration, acceleration and speed of closing gaps,
+relative to the weakest joint's."""
 SHORTEST = 1e-12
 """Least divisor, m or rad."""
 FAR = 1e3
@@ -34,11 +33,11 @@ FAR = 1e3
 
 
 class MotionFilter:
-    """Steps (k, 3), m or rad, of points or rotations to their desired values."""
+    """Steps (k, 3), m or rad, to desired values."""
 
     def __init__(self, limits: FloatArray, lead_times: FloatArray) -> None:
-        """limits (k, 3): accelerations of motion and of closing gaps, per s^2, and speed of that, per s. lead_times
-        (k,): by which steps are ahead, s."""
+        """limits (k, 3): accelerations of motion and of closing gaps, per s^2, and speed of that. lead_times (k,):
+        s."""
         self._own, self._catch_up, self._speed = limits.T
         self._ahead = lead_times[:, None]
         self.restart()
@@ -56,7 +55,7 @@ class MotionFilter:
         gain = speed_override * speed_override
         braking, speed = gain * self._catch_up, speed_override * self._speed
         kept = exp(-dt / SMOOTH_S)
-        first = kept * (self._first + moved)  # lag of the first low pass, m or rad
+        first = kept * (self._first + moved)
         moved = moved + self._first - first
         second = kept * (self._second + moved)
         moved = moved + self._second - second
@@ -77,7 +76,7 @@ def _limited(vectors: FloatArray, most: FloatArray) -> FloatArray:
 
 
 def _changed(velocities: FloatArray, changes: FloatArray, most: FloatArray, gain: float) -> FloatArray:
-    """Velocities (k, 3) after changes of at most `most` (k,) where they slow down, else `gain` of it."""
+    """Velocities (k, 3) after changes of at most `most` (k,), or `gain` of it where they speed up."""
     slows = norms(velocities + changes) < norms(velocities)
     return velocities + _limited(changes, np.where(slows, most, gain * most))
 
@@ -95,8 +94,7 @@ class DesiredMotion:
         trunk_at_stance: Quat,
         lag_compensation: float = 0.0,
     ) -> None:
-        """limits (nv,): of following. still: planted landmarks. lag_compensation: share of their servos' lag by which
-        landmarks of the upper body are ahead."""
+        """limits (nv,): of following. still: planted landmarks. lag_compensation: share of the servos' lag."""
         marks, limbs = robot.profile.landmarks, robot_limbs(robot)
         points = hierarchy.position_slots(["" if name in still else name for name in marks])
         lines = hierarchy.position_slots(list(limbs), SlotKind.LIMB)
@@ -149,8 +147,7 @@ class DesiredMotion:
 def _channel(
     robot: RobotBody, limits: JointLimits, frame: str, anchor: Sequence[str], length: float
 ) -> tuple[FloatArray, float]:
-    """Limits (3,) of a frame `length` m from the joints between it and its anchor, and their least lag, s; 0 for joints
-    that carry the robot."""
+    """Limits (3,) of a frame `length` m from the joints to its anchor, and their least lag, s."""
     servos = robot.joint_map.servos
     movers = [servo for servo, moves in zip(servos, joints_between(robot, frame, anchor), strict=True) if moves]
     dofs = [robot.body.dof_index(servo.joint) for servo in movers]

@@ -19,12 +19,11 @@ from retarget.types import MM
 STEP_TIMES, DOUBLE_TIMES = 3.76, 0.3
 """Duration of a step and of its double support, in sqrt(height / g)."""
 SHORTEST, LONGEST_TIME = 0.9, 1.7
-"""Shortest and longest step in time with a performer, relative to the gait's: servos need speed, and legs bend."""
+"""Shortest and longest step in time with a performer, relative to the gait's."""
 WALKING_HEIGHT = 0.94
 """Height of the centre of mass in a walk, relative to `stand`."""
 STRAIGHTEST, REACHING, LOWER = 1.032, 1.0745, 0.284
-"""Height of the mass over one foot, relative to the gait's, and on both: at most REACHING less LOWER times the step, so
-that legs reach forward and back."""
+"""Height of the mass over one foot, relative to the gait's, and on both: at most REACHING less LOWER times the step."""
 LIFT = 0.043
 """Greatest height of the swing foot, relative to the gait's."""
 LONGEST = 0.45
@@ -67,14 +66,14 @@ def clipped(gait: Gait, request: Request, time: float) -> Request:
     """The request within what the robot can walk in a step of `time` s."""
     most = fastest(gait)
     turn = min(max(request.turn, -most.turn), most.turn)
-    reach = gait.longest - 0.5 * gait.width * abs(sin(turn * time))  # soles that turn are not side by side
+    reach = gait.longest - 0.5 * gait.width * abs(sin(turn * time))
     forward, left = min(most.forward, reach / time), most.left * min(gait.period / time, 1.0)
     length = max(hypot(request.forward / forward, request.left / left), 1.0)
     return Request(request.forward / length, request.left / length, turn)
 
 
 def walking_heights(gait: Gait, far: float) -> tuple[float, float]:
-    """Heights of the centre of mass in a step of `far` m, m: on both feet, and over one."""
+    """Heights of the mass in a step of `far` m, m: on both feet, and over one."""
     high = STRAIGHTEST * gait.height
     return min(high, REACHING * gait.height - LOWER * far), high
 
@@ -87,11 +86,10 @@ SOLES = 2
 def with_steps(
     priorities: Priorities, robot: RobotBody, requested: Steps | None, *, parts: str, mass: bool = False
 ) -> tuple[Priorities, tuple[str, ...]]:
-    """Priorities with `requested` as their `steps`, and notes for the operator: a robot too weak for one leg stays
-    planted.
+    """Priorities with `requested` as their `steps`, and notes for the operator on a robot that stays planted.
 
-    requested: None keeps those of the file. parts: that follow. mass: True for a robot with mass. Raises UsageError or
-    ConfigError for steps that this robot cannot make.
+    requested: None keeps the file's. mass: True for a robot with mass. Raises UsageError or ConfigError for impossible
+    steps.
     """
     steps = priorities.steps if requested is None else requested
     notes: tuple[str, ...] = ()
@@ -115,7 +113,7 @@ def with_steps(
 
 
 def _fault(steps: Steps, robot: RobotBody, parts: str) -> tuple[str, str] | None:
-    """Reason why these steps are impossible, and next step of the user; None: they are possible."""
+    """Reason why these steps are impossible, and next step of the user."""
     name = robot.profile.name
     if steps == "follow" and robot.stands:
         return f"{name} stands on its own soles", "Choose --steps walk, or hang it (--bus physics --mount gantry)"

@@ -21,9 +21,8 @@ ROOT = 1
 
 @dataclass(frozen=True, eq=False)
 class WalkPath:
-    """A path to a stand. postures (k, nq): world; pattern: of as many rows. step: the first, before one that brings the
-    feet together; None: the robot comes to rest. touchdown: last row of the step; speed: its mean velocity. since: row
-    of the path before."""
+    """A path to a stand. postures (k, nq): world; pattern: of as many rows. step: the first; None: the robot comes to
+    rest. touchdown: last row of the step; speed: its mean velocity. since: row of the path before."""
 
     postures: FloatArray
     pattern: Pattern
@@ -41,7 +40,7 @@ class WalkPath:
 @dataclass(frozen=True, eq=False)
 class Sketch:
     """A path in the making. postures: so far. velocity (nv,): in the first. offset (3,) m, turned (3,) rad: of mass and
-    root from the pattern, which fade within `ease` ticks."""
+    root from the pattern, which fade in `ease` ticks."""
 
     path: WalkPath
     postures: list[FloatArray]
@@ -89,8 +88,7 @@ class PathPlanner:
         return self._body.difference(before, now) / self._gait.dt
 
     def off(self, q: FloatArray, mass: FloatArray, yaw: float) -> tuple[FloatArray, FloatArray]:
-        """Offset (3,) m of a posture's centre of mass from a place, and turn (3,) rad of its root from upright at a
-        yaw."""
+        """Offset (3,) m of a posture's mass from a place, and turn (3,) rad of its root from upright."""
         root = as_quat(self._body.orientations(q[None], [ROOT])[0, 0])
         return self.mass(q) - mass, np.array(rotation_vector(product(root, inverse(self._pelvis(yaw)))))
 
@@ -109,7 +107,7 @@ class PathPlanner:
         return replace(sketch.path, postures=np.array(sketch.postures))
 
     def _aim(self, soles: FloatArray, mass: FloatArray, yaw: float, turned: FloatArray) -> None:
-        """Write the targets of a row: soles (2, 4), centre of mass (3,) m, yaw and turn (3,) of the trunk, rad."""
+        """Write the targets of a row. soles: (2, 4)."""
         targets = self._targets
         for k, (sole, middle, pose) in enumerate(zip(self._soles, self._middles, soles, strict=True)):
             about = turn((0.0, 0.0, float(pose[3])))

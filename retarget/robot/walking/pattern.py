@@ -38,7 +38,7 @@ ROLL = 0.35
 @dataclass(frozen=True)
 class Gait:
     """Times and sizes of steps. ticks: of `dt` s; least_ticks, most_ticks: in time with a performer; double_ticks:
-    double support. height: of the centre of mass; width: between soles; lift: of the swing foot; longest: step, m."""
+    double support. height: of the mass; width: between soles; lift: of the swing foot; longest: step, m."""
 
     ticks: int
     least_ticks: int
@@ -76,8 +76,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Swing:
-    """A performer's swing to keep step with. foot: LEFT or RIGHT; since: its middle, s ago; period: to that of the
-    other foot, s."""
+    """A performer's swing. foot: LEFT or RIGHT; since: its middle, s ago; period: to that of the other foot, s."""
 
     foot: int
     since: float
@@ -92,7 +91,7 @@ class Foothold:
     yaw: float
 
     def moved(self, offset: FloatArray, turn: float = 0.0) -> "Foothold":
-        """Foothold at `offset` (2,) m in the frame of this one, turned by `turn` rad."""
+        """Foothold at `offset` (2,) m in this one's frame, turned by `turn` rad."""
         return Foothold(self.place + rotated(offset, self.yaw), self.yaw + turn)
 
 
@@ -147,7 +146,7 @@ def smooth(u: FloatArray) -> FloatArray:
 
 
 def bump(u: FloatArray) -> FloatArray:
-    """64 u^3 (1-u)^3 within 0 to 1, whose first two derivatives vanish at both ends."""
+    """64 u^3 (1-u)^3 within 0 to 1."""
     u = np.minimum(np.maximum(u, 0.0), 1.0)
     square = u * (1.0 - u)
     return 64.0 * square * square * square
@@ -157,8 +156,7 @@ PEAK = 5.53
 
 
 def modified_sine(u: float) -> float:
-    """Modified sine cam, whose first two derivatives vanish at both ends. Its greatest velocity, 1.76, is less than
-    1.88 of minimum jerk."""
+    """Modified sine cam. Its greatest velocity, 1.76, is less than 1.88 of minimum jerk."""
     u = min(max(u, 0.0), 1.0)
     if u > 0.5:
         return 1.0 - modified_sine(1.0 - u)
@@ -168,8 +166,7 @@ def modified_sine(u: float) -> float:
 
 
 def next_foothold(gait: Gait, support: Foothold, request: Request, swinging: int, time: float) -> Foothold:
-    """Foothold of the swing foot in a step of `time` s. Sideways only the outer foot moves, so that soles keep their
-    width."""
+    """Foothold of the swing foot in a step of `time` s. Sideways only the outer foot moves."""
     side, turn = OUTWARD[swinging], request.turn * time
     sideways = 2.0 * request.left * time if side * request.left > 0.0 else 0.0
     half = np.array([0.0, 0.5 * side * gait.width])
@@ -184,8 +181,7 @@ def standing(feet: tuple[Foothold, Foothold], mass: FloatArray, ticks: int) -> P
 
 
 def walk(gait: Gait, begun: Pattern, row: int, steps: Sequence[Step], heights: tuple[float, float]) -> Pattern:
-    """Pattern from a row of `begun` in double support through steps to a stand. heights: of the mass, m, in double
-    support and in mid-step."""
+    """Pattern from a row of `begun` in double support to a stand. heights: of the mass, m, then and in mid-step."""
     soles, carries, zmp = [begun.soles[row : row + 1]], [np.ones((1, 2), dtype=np.bool_)], [begun.zmp[row : row + 1]]
     risen = [np.zeros(1)]
     for step in steps:
@@ -232,8 +228,7 @@ def _transfer(gait: Gait, at: FloatArray, middle: FloatArray, to: FloatArray, ti
 def _through(
     gait: Gait, zmp: FloatArray, divergent: FloatArray, convergent: FloatArray, middle: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Components (k, 2) m of the mass, from their initial values to rest in the middle. Adds two bumps to `zmp` in
-    place."""
+    """Components (k, 2) m of the mass to rest in the middle. Adds two bumps to `zmp` in place."""
     count, kept = len(zmp), exp(-gait.omega * gait.dt)
     ticks = np.arange(count)[:, None]
     early = bump(ticks / min(gait.natural(CATCH), count - 1))
@@ -248,8 +243,7 @@ def _through(
 
 
 def _divergent(zmp: FloatArray, end: FloatArray, kept: float) -> FloatArray:
-    """Divergent component (k, n) m that ends at (n,) m, for a zero-moment point at the mean of both ticks. kept: exp(-w
-    dt)."""
+    """Divergent component (k, n) m that ends at (n,) m. kept: exp(-w dt)."""
     columns = []
     for row, last in zip(zmp.T.tolist(), end.tolist(), strict=True):
         path = [last]
@@ -261,5 +255,5 @@ def _divergent(zmp: FloatArray, end: FloatArray, kept: float) -> FloatArray:
 
 
 def _convergent(zmp: FloatArray, start: FloatArray, kept: float) -> FloatArray:
-    """Convergent component (k, n) m that starts at (n,) m: time reversed."""
+    """Convergent component (k, n) m that starts at (n,) m."""
     return _divergent(zmp[::-1], start, kept)[::-1]
