@@ -290,8 +290,19 @@ def resolve_turns(
         found = [shift for shift, q in zip(shifts, angles, strict=True) if bool(np.all((q >= lower) & (q <= upper)))]
         if len(found) == 1:
             offsets[group] = found[0]
+            continue
+        servos = [joint_map.servos[column] for column in group]
+        pairs = zip(servos, group, strict=True)
+        names = " and ".join(f"{servo.joint} (id {servo.id}) at tick {ticks[column]}" for servo, column in pairs)
+        if found:
+            places = [
+                ", ".join(f"{round(angle, 3) + 0.0:.3f}" for angle in _angles(joint_map, group, ticks[group] + shift))
+                for shift in found[:4]
+            ]
+            problems.append(f"{names}: may be at " + " or at ".join(places) + " rad")
         else:
-            problems.append(_problem(joint_map, group, ticks, found))
+            limits = " and ".join(f"{servo.lower:.3f} to {servo.upper:.3f}" for servo in servos)
+            problems.append(f"{names}: on no turn within {limits} rad")
     if problems:
         raise HardwareError(
             "the turns of these servos are not known",
@@ -329,18 +340,3 @@ def _angles(joint_map: JointMap, group: list[int], ticks: TickArray) -> FloatArr
     every = np.array([servo.zero_tick for servo in joint_map.servos], dtype=np.int64)
     every[group] = ticks
     return joint_map.to_radians(every)[group]
-
-
-def _problem(joint_map: JointMap, group: list[int], ticks: TickArray, found: list[TickArray]) -> str:
-    servos = [joint_map.servos[column] for column in group]
-    names = " and ".join(
-        f"{servo.joint} (id {servo.id}) at tick {ticks[column]}" for servo, column in zip(servos, group, strict=True)
-    )
-    if not found:
-        limits = " and ".join(f"{servo.lower:.3f} to {servo.upper:.3f}" for servo in servos)
-        return f"{names}: on no turn within {limits} rad"
-    places = [
-        ", ".join(f"{round(angle, 3) + 0.0:.3f}" for angle in _angles(joint_map, group, ticks[group] + shift))
-        for shift in found[:4]
-    ]
-    return f"{names}: may be at " + " or at ".join(places) + " rad"

@@ -87,7 +87,6 @@ class Register:
 LAST_FIRMWARE = 255
 """Highest number that a firmware version register can hold."""
 _FOLDER = Path(__file__).parent / "tables"
-_NOTHING = "none"
 
 
 @dataclass(frozen=True)
@@ -213,14 +212,15 @@ def registers_of(model: ControlTable, firmware: int) -> tuple[Register, ...]:
         if since <= firmware <= until:
             merged.setdefault(row["name"], {}).update(row)
     merged["model_number"]["initial"] = str(model.number)
-    registers = [register for name, cells in merged.items() for register in _registers(name, cells)]
+    registers = [register for cells in merged.values() for register in row_registers(cells)]
     return tuple(sorted(registers, key=lambda register: register.address))
 
 
-def _registers(name: str, cells: dict[str, str]) -> Iterator[Register]:
-    stem, _, span = name.partition("[")
+def row_registers(cells: dict[str, str]) -> Iterator[Register]:
+    """Yield the registers of one row."""
+    stem, _, span = cells["name"].partition("[")
     first, last = (int(end) for end in span.rstrip("]").split(":")) if span else (0, 0)
-    filled = {column: cell for column, cell in cells.items() if cell != _NOTHING}
+    filled = {column: cell for column, cell in cells.items() if cell not in ("", "none")}
     size = int(filled["size"])
     initial = filled.get("initial")
     step = 1 if initial is not None and initial.endswith("+") else 0
@@ -234,16 +234,12 @@ def _registers(name: str, cells: dict[str, str]) -> Iterator[Register]:
             writable=filled["access"] == "rw",
             scale=float(filled["scale"]) if "scale" in filled else None,
             unit=filled.get("unit"),
-            lowest=_whole(filled.get("lowest")),
-            highest=_whole(filled.get("highest")),
+            lowest=int(filled["lowest"]) if "lowest" in filled else None,
+            highest=int(filled["highest"]) if "highest" in filled else None,
             initial=None if initial is None else int(initial.rstrip("+")) + place * step,
             direction_bit=int(numbers) if kind == "d" else None,
             bits=tuple(map(int, numbers.split(","))) if kind == "b" else (),
         )
-
-
-def _whole(cell: str | None) -> int | None:
-    return None if cell is None else int(cell)
 
 
 def tables() -> tuple[ControlTable, ...]:

@@ -163,26 +163,25 @@ def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple
         )
     known = [one for one in sightings if one.table is not None]
     spec = BusSpec(name, name, speeds[0].baud, speeds[0].protocol, tuple(one.found.id for one in known))
-    return spec, [(first + place, _servo(one, name)) for place, one in enumerate(known)]
-
-
-def _servo(sighting: Sighting, bus: str) -> ServoSpec:
-    table = sighting.table
-    assert table is not None
-    model, device = find_model(table.model), sighting.found.id
-    return ServoSpec(
-        joint=f"servo {device}",
-        id=device,
-        model=model,
-        bus=bus,
-        direction=1,
-        zero_tick=model.centre_tick,
-        lower=-math.pi,
-        upper=math.pi,
-        max_velocity=model.no_load_speed,
-        max_acceleration=model.no_load_speed,
-        protocol=table.protocol,
-    )
+    servos: list[Placed] = []
+    for place, one in enumerate(known):
+        assert one.table is not None
+        model, device = find_model(one.table.model), one.found.id
+        servo = ServoSpec(
+            joint=f"servo {device}",
+            id=device,
+            model=model,
+            bus=name,
+            direction=1,
+            zero_tick=model.centre_tick,
+            lower=-math.pi,
+            upper=math.pi,
+            max_velocity=model.no_load_speed,
+            max_acceleration=model.no_load_speed,
+            protocol=one.table.protocol,
+        )
+        servos.append((first + place, servo))
+    return spec, servos
 
 
 def is_powered(client: OneOff, switch: PowerSwitch) -> bool:

@@ -8,7 +8,7 @@ import math
 import struct
 from functools import cached_property
 
-from hardware.dynamixel.control_table import ControlTable, Register
+from hardware.dynamixel.control_table import ControlTable, row_registers, rows_of
 from hardware.dynamixel.cyclic import LOST_AFTER, PROBE_PERIOD, BusLine, ReadKind, ReadRequest, Timeouts
 from hardware.imu import GRAVITY, ImuReading, ImuSpec, ImuTracker, from_roll_pitch_yaw
 
@@ -26,14 +26,6 @@ FULL_SCALE = 32767
 """[count] End of the gyroscope's range, which no robot reaches."""
 MOST_ANGLE = 3600
 """[count] Largest angle: half a turn and the firmware's offset."""
-
-
-def _row(name: str, address: int, size: int, bounds: tuple[int, int] | None, initial: int) -> Register:
-    low, high = bounds or (None, None)
-    signed = name in IMU_NAMES
-    return Register(name, address, size, signed, bounds is not None, None, None, low, high, initial)
-
-
 IMU_NAMES = ("gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z", "roll", "pitch", "yaw")
 IMU_FIRST = 32
 _MEASURED = struct.Struct("<9h")
@@ -46,22 +38,7 @@ TABLE = ControlTable(
     fast_since=None,
     modes=(),
     baud_family="x",
-    registers=(
-        _row("model_number", 0, 2, None, NUMBER),
-        _row("firmware_version", 2, 1, None, 2),
-        _row("id", 3, 1, (0, 252), ID),
-        _row("baud_rate", 4, 1, (0, 7), 4),
-        _row("return_delay_time", 5, 1, (0, 254), 0),
-        _row("status_return_level", 16, 1, (0, 2), 2),
-        _row("dynamixel_power", POWER, 1, (0, 1), 0),
-        _row("led", 25, 1, (0, 7), 0),
-        _row("led_rgb", 26, 2, (0, 0x7FFF), 0),
-        _row("buzzer", 28, 2, (0, 0xFFFF), 0),
-        _row("button", 30, 1, None, 0),
-        _row("present_voltage", 31, 1, None, 120),
-        *(_row(name, IMU_FIRST + 2 * place, 2, None, 0) for place, name in enumerate(IMU_NAMES)),
-        _row("imu_control", IMU_CONTROL, 1, (0, 15), 0),
-    ),
+    registers=tuple(register for row in rows_of("opencr.tsv") for register in row_registers(row)),
 )
 
 

@@ -378,19 +378,17 @@ class OneOff:
         if own:
             self._note(device, state(self.protocol, own[0].error))
         if self.protocol == 1 and (own or received.echoed):
-            return self._found1(device, answered=bool(own), clash=len(own) > 1)
+            # A ping returns no model, so it is read. A servo may answer pings only.
+            clash = len(own) > 1
+            try:
+                data = self.read_block(device, 0, MODEL_BYTES)
+            except (ServoError, NoAnswer):
+                return FoundServo(device, 1, alert=device in self.alerted, clash=clash) if own else None
+            model = data[0] | data[1] << 8
+            return FoundServo(device, 1, model, data[2], device in self.alerted, clash)
         if not own:
             return FoundServo(device, self.protocol, clash=True) if received.damaged else None
         return found_by_ping(own[0], clash=len(own) > 1)
-
-    def _found1(self, device: int, *, answered: bool, clash: bool) -> FoundServo | None:
-        """Return a 1.0 servo, whose model must be read, since a ping returns none."""
-        try:
-            data = self.read_block(device, 0, MODEL_BYTES)
-        except (ServoError, NoAnswer):
-            return FoundServo(device, 1, alert=device in self.alerted, clash=clash) if answered else None
-        model = data[0] | data[1] << 8
-        return FoundServo(device, 1, model, data[2], device in self.alerted, clash)
 
     def _note(self, device: int, state: int) -> None:
         if state:

@@ -397,27 +397,26 @@ def restart(line: BusLine, ids: Sequence[int], stop: Callable[[], bool] = lambda
     if restarted:
         line.port.sleep_until(line.port.now() + BOOT)
     for device in restarted:
-        problems += _afterwards(line, device, deadline)
-    return Restarted(tuple(restarted), tuple(problems))
-
-
-def _afterwards(line: BusLine, device: int, deadline: float) -> list[str]:
-    name = f"{line.servos[device].joint} (id {device})"
-    found = line.client.ping(device)
-    while found is None and line.port.now() < deadline:
-        line.port.sleep_until(line.port.now() + PING_PERIOD)
+        name = f"{line.servos[device].joint} (id {device})"
         found = line.client.ping(device)
-    if found is None:
-        return [f"{name} has not come back: check its power and its wiring"]
-    table = line.tables[device]
-    try:
-        bits = line.client.read(device, table["hardware_error_status"])
-        torque = line.client.read(device, table["torque_enable"])
-    except (NoAnswer, ServoError) as error:
-        return [f"{name}: {error}"]
-    wrong = []
-    if bits:
-        wrong.append(f"{name} still has {alert_text(bits)}: fix the cause first (let it cool, check supply and load)")
-    if torque:
-        wrong.append(f"{name} has its torque on again: it did not restart, or is set up to switch it on at start")
-    return wrong
+        while found is None and line.port.now() < deadline:
+            line.port.sleep_until(line.port.now() + PING_PERIOD)
+            found = line.client.ping(device)
+        if found is None:
+            problems.append(f"{name} has not come back: check its power and its wiring")
+            continue
+        table = line.tables[device]
+        try:
+            bits = line.client.read(device, table["hardware_error_status"])
+            torque = line.client.read(device, table["torque_enable"])
+        except (NoAnswer, ServoError) as error:
+            problems.append(f"{name}: {error}")
+            continue
+        if bits:
+            still = f"{name} still has {alert_text(bits)}"
+            problems.append(f"{still}: fix the cause first (let it cool, check supply and load)")
+        if torque:
+            problems.append(
+                f"{name} has its torque on again: it did not restart, or is set up to switch it on at start"
+            )
+    return Restarted(tuple(restarted), tuple(problems))
