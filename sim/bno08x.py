@@ -1,4 +1,4 @@
-"""A BNO08x in UART-RVC mode on a serial line of its own: it sends a frame every 10 ms, whoever listens."""
+"""A BNO08x in UART-RVC mode on a serial line of its own: it sends a frame every 10 ms."""
 
 import math
 
@@ -13,7 +13,7 @@ MOST = 50
 
 
 class EmulatedBno08x:
-    """A `hardware.dynamixel.serial_port.BytePort` behind which such a sensor sends what `sensor` measures."""
+    """A `hardware.dynamixel.serial_port.BytePort` that returns the measurements of `sensor` as frames."""
 
     latency = 1e-3
 
@@ -35,7 +35,7 @@ class EmulatedBno08x:
         """Do nothing: the mode has no commands."""
 
     def read(self) -> bytes:
-        """What has come by now. Raises BusError when it is closed."""
+        """Return what has arrived by now. Raises BusError when it is closed."""
         if self._due is None:
             raise BusError(describe(what="the port is closed", where=self.name, then="Open it first"))
         now, frames = self._clock.now(), []
@@ -56,7 +56,7 @@ class EmulatedBno08x:
         return due <= self._clock.now()
 
     def drop(self) -> None:
-        """Forget what has come."""
+        """Forget what has arrived."""
         self.read()
 
     def now(self) -> float:
@@ -73,7 +73,7 @@ class EmulatedBno08x:
 
 
 def frame_of(reading: ImuReading, index: int) -> RvcFrame:
-    """The frame for a reading with an orientation, clipped to what it holds."""
+    """Return the frame of a reading with an orientation, clipped to its range."""
     assert reading.orientation is not None, "the sensor has one"
     roll, pitch, yaw = (round(100.0 * math.degrees(one)) for one in roll_pitch_yaw(reading.orientation))
     x, y, z = (min(max(round(1e3 * one / GRAVITY), -0x8000), 0x7FFF) for one in reading.acceleration)

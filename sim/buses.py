@@ -1,4 +1,4 @@
-"""The buses of a robot that stand in for hardware: above emulated servos, and above its simulated mechanics."""
+"""Buses of a robot without hardware: above emulated servos, and above its simulated mechanics."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -31,11 +31,10 @@ from sim.physics.witness import Witness, WitnessedBus
 from sim.physics.world import build_world
 
 SETTLE_S = 1.0
-"""Time, s, for a robot to settle on its servos, after the hand that holds it first has let go (0.6 s)."""
-
+"""Time for a robot to settle on its servos, of which a hand holds it for 0.6 s, s."""
 
 WITH_MASS = EVERY_KIND - {FaultKind.OVERLOAD}
-"""Faults that can be played where simulated mechanics turn the shafts: nothing there blocks a shaft."""
+"""Faults of servos whose shafts simulated mechanics turn: nothing there blocks a shaft."""
 
 
 def emulated_bus(
@@ -47,10 +46,10 @@ def emulated_bus(
     simulation: Simulation | None = None,
     notify: Callable[[str], object] = lambda note: None,
 ) -> DynamixelBus:
-    """The bus of a robot whose emulated servos begin at `start`, ticks (n,). simulation: what turns their
-    shafts, begun at the same ticks; None: the emulator's own motion.
+    """Make the bus of a robot whose emulated servos begin at `start`, ticks (n,).
 
-    Raises ConfigError for a bad file of faults, or one that the bus cannot play.
+    simulation: turns their shafts, begun at the same ticks; None: the emulator's own motion. Raises ConfigError for a
+    bad file of faults, or one that the bus cannot play.
     """
     servos, buses = robot.joint_map.servos, robot.profile.bus_specs()
     ids, kinds = {bus.name: bus.ids for bus in buses}, EVERY_KIND if simulation is None else WITH_MASS
@@ -72,7 +71,7 @@ def emulated_bus(
 
 
 def imu_stand_in(imu: ImuSpec, simulation: Simulation | None, *, seed: int = 0) -> ImuStandIn:
-    """What takes the place of a robot's IMU: it moves with the simulation; None: see `motion_of_shafts`."""
+    """Make the stand-in of a robot's IMU: it moves with the simulation; None: see `motion_of_shafts`."""
     motion = standing_still if simulation is None else LinkMotion(simulation, imu)
     return ImuStandIn(imu, seed=seed, motion=motion)
 
@@ -80,7 +79,8 @@ def imu_stand_in(imu: ImuSpec, simulation: Simulation | None, *, seed: int = 0) 
 def motion_of_shafts(
     robot: RobotBody, lines: Mapping[str, Line], start: TickArray, clock: Clock
 ) -> Callable[[], ImuTruth]:
-    """How the IMU's link moves on a robot without mass whose emulated servos began at `start`, ticks (n,)."""
+    """Return the motion of the IMU's link on a robot without mass whose emulated servos began at `start`, ticks
+    (n,)."""
     shafts = [one.shaft for one in servos_on(lines, robot.joint_map.servos)]
     offset = start - np.array([shaft.position for shaft in shafts])
     return PlantedMotion(
@@ -92,7 +92,7 @@ def motion_of_shafts(
 
 
 def physics_bus(simulation: Simulation, clock: Clock) -> WitnessedBus:
-    """The bus of a robot with mass. Goals take effect one cycle of the robot after they are written."""
+    """Make the bus of a robot with mass. Goals take effect one cycle of the robot after they are written."""
     profile = simulation.world.robot.profile
     imu, seed = profile.imu_spec(), simulation.seed
     sensor = None if imu is None else SensedMotion(imu, imu_stand_in(imu, simulation, seed=seed))
@@ -107,8 +107,7 @@ def physics_wire_bus(
     faults: Path | None = None,
     notify: Callable[[str], object] = lambda note: None,
 ) -> WitnessedBus:
-    """Make the bus of `physics_bus` with the bytes of emulated servos before it: the robot's own driver above (see
-    `emulated_bus`).
+    """Make the bus of a robot with mass below emulated servos and the robot's own driver (see `emulated_bus`).
 
     Latency is that of the wires. Raises ConfigError as `emulated_bus` does.
     """
@@ -130,7 +129,8 @@ def simulation_of(
 ) -> Simulation:
     """Build the mechanics of a robot whose servos begin at `start`, ticks (n,), on the mount of its profile or `mount`.
 
-    notify: receives what is left out. The same seed gives the same bits. Raises ConfigError (see `build_world`).
+    notify: receives what is left out of the scene. The same seed gives the same bits. Raises ConfigError (see
+    `build_world`).
     """
     perturbation = NOMINAL if perturbation is None else perturbation
     world = build_world(
@@ -145,8 +145,7 @@ def simulation_of(
 
 
 TRIALS = 6
-"""Times that a robot is let go at rest: as it is planned, then with masses, centre of mass, friction and stiffness that
-are drawn anew."""
+"""Trials at rest: one as planned, then each with masses, centre of mass, friction and stiffness drawn anew."""
 DRAWN = (
     PerturbationKind.MASS,
     PerturbationKind.CENTRE_OF_MASS,
@@ -156,10 +155,10 @@ DRAWN = (
 
 
 def topples_at_rest(robot: RobotBody) -> str | None:
-    """How a robot on its soles goes down, in words, when its torque goes off in its posture `rest`. None: it stays in
-    all `TRIALS`, or it cannot be simulated.
+    """Return how a robot on its soles goes down when its torque goes off in its posture `rest`, in words.
 
-    Statics alone cannot tell: a robot at rest leans on stops of joints and on its own links. So it is let go.
+    None: it stays in all TRIALS, or it cannot be simulated. Statics do not suffice: a robot at rest leans on the stops
+    of its joints and on its own links.
     """
     if not robot.stands:
         return None

@@ -1,6 +1,6 @@
-"""An IMU that is not there: what it would measure of a body's true motion, with bias, noise, delay and dropouts.
+"""A stand-in for an IMU: measurements of a body's true motion, with bias, noise, delay and dropouts.
 
-The same seed gives the same numbers. Every reading has noise, as that of a real sensor: one that never changes hangs.
+The same seed gives the same numbers.
 """
 
 import math
@@ -22,13 +22,13 @@ from retarget.ik.support_polygon import plant
 from retarget.model.robot import RobotBody
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
-"""Not turned at all."""
+"""No rotation."""
 
 
 @dataclass(frozen=True)
 class ImuTruth:
     """The motion of a sensor, along the axes of the link that carries it. orientation: wxyz of the link in the world;
-    angular_velocity: rad/s; acceleration: m/s^2 where the sensor is, specific force."""
+    angular_velocity: rad/s; acceleration: specific force at the sensor, m/s^2."""
 
     orientation: Quat = LEVEL
     angular_velocity: Vector = (0.0, 0.0, 0.0)
@@ -40,15 +40,15 @@ STILL = ImuTruth()
 
 
 def standing_still() -> ImuTruth:
-    """The motion of what does not move."""
+    """Return STILL."""
     return STILL
 
 
 class PlantedMotion:
-    """Says how the link of the IMU moves on a robot without mass: its lower sole never leaves the floor."""
+    """The motion of the link of the IMU on a robot without mass: its lower sole never leaves the floor."""
 
     def __init__(self, robot: RobotBody, joints: Callable[[], FloatArray], clock: Clock) -> None:
-        """joints: says where they are now, (n,) rad in servo order."""
+        """joints: returns their present positions, (n,) rad in servo order."""
         assert robot.profile.imu is not None, "the robot has an IMU"
         self._robot, self._joints, self._clock = robot, joints, clock
         self._link = robot.body.body_index(robot.profile.imu.link)
@@ -58,7 +58,7 @@ class PlantedMotion:
         self._time, self._before = clock.now(), LEVEL
 
     def __call__(self) -> ImuTruth:
-        """The motion now. The angular velocity is the mean one since it was asked last."""
+        """Return the present motion. The angular velocity is the mean since the last call."""
         q, now = self._q.copy(), self._clock.now()
         q[self._robot.servo_columns] = self._joints()
         plant_root(self._robot, self._q, q)
@@ -72,9 +72,9 @@ class PlantedMotion:
 
 @dataclass(frozen=True)
 class ImuErrors:
-    """How wrong a sensor is: standard deviations of what stands still (bias) and of what changes with every reading
-    (noise), of angles, rad, angular velocity, rad/s, and acceleration, m/s^2. delay: age of what it shows, s; dropouts:
-    share of readings that are missing."""
+    """Errors of a sensor: standard deviations of the constant bias and of the noise of each reading, of angles, rad,
+    angular velocity, rad/s, and acceleration, m/s^2. delay: age of a reading, s; dropouts: share of missing
+    readings."""
 
     angle_bias: float = 0.005
     angle_noise: float = 0.001
@@ -87,7 +87,7 @@ class ImuErrors:
 
 
 TYPICAL = ImuErrors()
-"""About those of an MPU-9250 whose gyroscope was calibrated at start: noise 0.1 degree/s and 8 mg (its datasheet)."""
+"""Errors of an MPU-9250 whose gyroscope was calibrated at start: noise 0.1 degree/s and 8 mg (its datasheet)."""
 
 
 class Ailment(Enum):
@@ -106,8 +106,8 @@ KEPT = 100
 
 
 class ImuStandIn:
-    """A sensor in the place of `spec` on a body; None: with the axes of its link. motion: says how its link moves now.
-    errors: of it; ailment: of now."""
+    """A sensor on a body, mounted as `spec`; None: along the axes of its link. motion: returns the present motion of
+    the link; ailment: the present fault."""
 
     def __init__(
         self,
@@ -128,7 +128,7 @@ class ImuStandIn:
         self._last: ImuReading | None = None
 
     def measure(self, now: float) -> ImuReading | None:
-        """What it shows at `now`, s, along its own axes; None: nothing new."""
+        """Return the reading at `now`, s, along its own axes; None: nothing new."""
         self._moved.append((now, self.motion()))
         while len(self._moved) > 1 and self._moved[1][0] <= now - self._errors.delay:
             self._moved.popleft()
@@ -149,28 +149,29 @@ class ImuStandIn:
             return ImuReading((w, -x, -y, z), (-turn[0], -turn[1], turn[2]), (-force[0], -force[1], force[2]))
         if self.ailment is Ailment.SPIKES and self._chance.random() < SPIKES:
             return ImuReading((w, x, y, z), (SPIKE, -SPIKE, SPIKE), (-SPIKE, SPIKE, -SPIKE))
-        return ImuReading((w, x, y, z), turn, _within(force, STRONGEST))
+        fx, fy, fz = (min(max(one, -STRONGEST), STRONGEST) for one in force)  # the range of a sensor
+        return ImuReading((w, x, y, z), turn, (fx, fy, fz))
 
     def _drawn(self, deviation: float) -> Vector:
-        """Three even random numbers of this standard deviation."""
+        """Draw three uniform random numbers of this standard deviation."""
         width, drawn = math.sqrt(12.0) * deviation, self._chance.random
         return width * (drawn() - 0.5), width * (drawn() - 0.5), width * (drawn() - 0.5)
 
 
 def sample_of(truth: ImuTruth, now: float) -> ImuSample:
-    """What a sensor without an error shows at `now`, s."""
+    """Return the sample of a sensor without errors at `now`, s."""
     turn, force = np.array(truth.angular_velocity), np.array(truth.acceleration)
     return ImuSample(now, np.array(truth.orientation), turn, force, True, 0.0)
 
 
 class SensedMotion:
-    """Samples of a sensor that no wire is before."""
+    """Samples of a sensor without a wire."""
 
     def __init__(self, spec: ImuSpec, sensor: ImuStandIn) -> None:
         self._tracker, self._sensor = ImuTracker(spec), sensor
 
     def sample(self, now: float) -> ImuSample:
-        """What is known at `now`, s."""
+        """Return the sample at `now`, s."""
         reading = self._sensor.measure(now)
         if reading is not None:
             self._tracker.take(reading, now)
@@ -178,17 +179,11 @@ class SensedMotion:
 
 
 def roll_pitch_yaw(q: Quat) -> Vector:
-    """Roll, pitch and yaw, rad, that `hardware.imu.from_roll_pitch_yaw` turns back into this orientation."""
+    """Return roll, pitch and yaw, rad: the inverse of `hardware.imu.from_roll_pitch_yaw`."""
     w, x, y, z = q
     sine = min(max(2.0 * (w * y - x * z), -1.0), 1.0)
     roll = arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     return roll, arcsin(sine), arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-def _within(vector: Vector, most: float) -> Vector:
-    """What a sensor with this range shows of an impact."""
-    x, y, z = (min(max(one, -most), most) for one in vector)
-    return x, y, z
 
 
 def _added(*vectors: Vector) -> Vector:

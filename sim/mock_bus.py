@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hardware.arrays import BoolArray, FloatArray, TickArray
+from hardware.arrays import FloatArray, TickArray
 from hardware.bus import ServoGoals, ServoStates, check_open
 from hardware.clock import Clock
 from hardware.joint_map import JointMap
@@ -18,19 +18,18 @@ ALERT_BIT = np.uint8(0x80)  # of the error byte
 
 
 def mock_bus(robot: RobotBody, clock: Clock, *, start: TickArray | None = None) -> "MockBus":
-    """The bus of a robot whose servos begin at `start`, ticks (n,); None: in its posture `stand`."""
+    """Make the bus of a robot whose servos begin at `start`, ticks (n,); None: in its posture `stand`."""
     if start is None:
         start = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
     return MockBus(robot.joint_map.servos, clock, start=start, imu_of=robot)
 
 
 class MockBus:
-    """A `hardware.bus.ServoBus` without wires. Nothing loads the joints: with torque off a servo stays where it is.
+    """A `hardware.bus.ServoBus` without wires. Nothing loads the joints: with torque off a servo does not move.
 
-    A goal is approached at speed `clip((goal - position) / lag, -top, top)`: the servo's position loop, a pure P gain
-    whose drive saturates at its no-load speed. The lag, s, follows from the model and its P gain (about 45 ms for an
-    XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart they are. Currents,
-    voltages and temperatures are unknown. `start` in ticks, (n,). The IMU of the robot `imu_of` turns with its
+    A servo goes to its goal at the speed `clip((goal - position) / lag, -top, top)`: a pure P gain whose drive
+    saturates at the no-load speed. The lag, s, follows from the model and its P gain. The motion is exact over any
+    time. Currents, voltages and temperatures are unknown. start: ticks (n,). imu_of: the robot whose IMU moves with its
     link, over soles that never leave the floor.
     """
 
@@ -50,12 +49,10 @@ class MockBus:
         self._top = np.array([model.no_load_speed / model.tick_rad for model in models])  # (n,) [tick/s]
         self._lag = np.array([loop_lag(servo) for servo in servos])  # (n,) [s]
         zero = np.array([servo.zero_tick for servo in servos], dtype=np.int64)
-        self._position: FloatArray = np.array(
-            zero if start is None else start, dtype=np.float64
-        )  # (n,) exact shaft [tick]
-        self._goal: FloatArray = np.array(
-            [model.centre_tick for model in models], dtype=np.float64
-        )  # (n,) register [tick]
+        first = zero if start is None else start
+        self._position: FloatArray = np.array(first, dtype=np.float64)  # (n,) exact shaft [tick]
+        centres = [model.centre_tick for model in models]
+        self._goal: FloatArray = np.array(centres, dtype=np.float64)  # (n,) register [tick]
         self._velocity = np.zeros(count)  # (n,) [rad/s]
         self._torque = np.zeros(count, dtype=np.bool_)
         self._time = clock.now()
@@ -82,11 +79,11 @@ class MockBus:
         self._goal = goals.ticks.astype(np.float64)
 
     def limit_drive(self, share: float) -> None:
-        """Do nothing: no load asks for drive. Raises BusError when closed."""
+        """Do nothing: no load needs drive. Raises BusError when closed."""
         check_open(self._open, where="mock bus, limit_drive")
 
     def torque(self, on: bool) -> None:
-        """Switch torque. The goal registers keep what they had, so goals come first. Raises BusError when closed."""
+        """Switch torque. The goal registers keep their goals. Raises BusError when closed."""
         check_open(self._open, where="mock bus, torque")
         self._catch_up()
         self._torque = np.full(len(self._map), on)
@@ -101,26 +98,21 @@ class MockBus:
 
     @property
     def torque_on(self) -> bool:
-        """Whether any servo has torque."""
+        """True if any servo has torque."""
         return bool(self._torque.any())
 
     def _catch_up(self) -> None:
-        """Move every servo from the last call's time to now, exactly."""
         elapsed = self._clock.now() - self._time
         self._time += elapsed
         if elapsed <= 0.0:
             return
-        turns = self._turning()
+        turns = self._torque
         moved, velocity = saturated_lag(self._goal - self._position, lag=self._lag, top=self._top, elapsed=elapsed)
         self._position = self._position + turns * moved
         self._velocity = turns * velocity * self._tick_rad
 
-    def _turning(self) -> BoolArray:
-        """Which shafts (n,) go to their goals."""
-        return self._torque
-
     def _registers(self) -> ServoStates:
-        """What the registers of all servos show now, rounded as they round."""
+        """Return the registers of all servos, rounded as they round."""
         count = len(self._map)
         return ServoStates(
             time=self._time,

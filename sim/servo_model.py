@@ -1,4 +1,4 @@
-"""Numbers of a typical servo, from which current, supply and heat are modelled, and the lag with which it follows."""
+"""Numbers of a typical servo for models of current, supply and heat, and its lag behind a goal."""
 
 import numpy as np
 
@@ -17,17 +17,13 @@ HEAT_PER_AMPERE2 = 12.0  # [degrees Celsius/A^2] final rise
 HEAT_TIME = 300.0  # [s] thermal time constant
 
 
-# How a servo's shaft follows its goal: the lag of its loop, with a drive that saturates at the no-load speed.
-
-
 def saturated_lag(
     error: FloatArray, *, lag: FloatArray, top: FloatArray, elapsed: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Displacement and final velocity (n,) after `elapsed` s of d/dt x = clip((goal - x) / lag, -top, top), `error` =
-    goal - x at start.
+    """Return displacement and final velocity (n,) after `elapsed` s of d/dt x = clip((goal - x) / lag, -top, top).
 
-    At top speed while the error exceeds `top * lag`, exponential after; `lag` 0 is a servo that runs at top speed to
-    its goal.
+    error: goal - x at the start. The drive saturates at the no-load speed `top`: the speed is constant while the error
+    exceeds `top * lag`, then falls exponentially. A servo of `lag` 0 runs to its goal at top speed.
     """
     distance = np.abs(error)
     knee = top * lag  # below this error the loop no longer saturates

@@ -1,1 +1,1 @@
-"""A line of Dynamixel servos that answers on the wire as the real ones would."""
+"""Lines of emulated Dynamixel servos: bytes of a host in, bytes of the servos out, each at its time on the wire."""

@@ -12,10 +12,9 @@ VOLTAGE = 12.0  # [V]
 
 
 class EmulatedController(Device):
-    """A controller at `baud` bits/s, whatever its register says, that switches the power of `powered` devices.
+    """A controller at a fixed `baud`, bits/s, that switches the power of the devices `powered`.
 
-    on: whether they have power at first. imu: what its IMU measures; None: upright and still. It answers ping, read and
-    write only.
+    on: they have power at first. imu: None: upright and still. It answers ping, read and write only.
     """
 
     def __init__(
@@ -37,40 +36,37 @@ class EmulatedController(Device):
         self._switch(on, now)
 
     def tune(self) -> None:
-        """Take every setting but the speed from the registers."""
+        """Apply every setting in the registers but the baud rate."""
         baud = self.baud
         super().tune()
         self.baud = baud
 
     def react(self, names: set[str], now: float) -> None:
-        """Switch the servos' power as written."""
+        """Switch the power of the servos by its register."""
         self.tune()
         if "dynamixel_power" in names:
             self._switch(bool(self.memory.value("dynamixel_power")), now)
 
     def show(self, address: int, length: int, now: float) -> None:
-        """Refresh the registers of the voltage, 0.1 V, and of the IMU where they are read."""
+        """Refresh the registers of the voltage, 0.1 V, and, if they are read, of the IMU."""
         self.memory.put("present_voltage", round(10.0 * self._volts))
         if address < opencr.IMU_CONTROL and address + length > opencr.IMU_FIRST:
-            self._measure(now)
+            reading = self._imu.measure(now)
+            if reading is None:
+                return
+            assert reading.orientation is not None, "a stand-in has one"
+            counts = [one / opencr.GYRO_UNIT for one in reading.angular_velocity]
+            counts += [one / opencr.FORCE_UNIT for one in reading.acceleration]
+            counts += [one / opencr.ANGLE_UNIT for one in roll_pitch_yaw(reading.orientation)]
+            for name, count in zip(opencr.IMU_NAMES, counts, strict=True):
+                self.memory.put(name, round(count))
 
     def sense(self, ailment: Ailment | None, now: float) -> None:
-        """Let the IMU have a fault; None: it works."""
+        """Set the fault of the IMU; None: it works."""
         self._imu.ailment = ailment
 
-    def _measure(self, now: float) -> None:
-        reading = self._imu.measure(now)
-        if reading is None:
-            return
-        assert reading.orientation is not None, "a stand-in has one"
-        counts = [one / opencr.GYRO_UNIT for one in reading.angular_velocity]
-        counts += [one / opencr.FORCE_UNIT for one in reading.acceleration]
-        counts += [one / opencr.ANGLE_UNIT for one in roll_pitch_yaw(reading.orientation)]
-        for name, count in zip(opencr.IMU_NAMES, counts, strict=True):
-            self.memory.put(name, round(count))
-
     def supply(self, volts: float | None, now: float) -> None:
-        """Set the supply voltage in V; below BROWN_OUT of the nominal it is silent, and so are the servos."""
+        """Set the supply voltage in V; below BROWN_OUT of the nominal it and the servos are silent."""
         self._volts = VOLTAGE if volts is None else volts
         if self._volts < BROWN_OUT * VOLTAGE:
             self.power_cut(now)
@@ -78,16 +74,15 @@ class EmulatedController(Device):
             self.power_back(now)
 
     def power_cut(self, now: float) -> None:
-        """Switch the power off; the servos lose theirs with it."""
+        """Switch the power off, of the servos too."""
         self._awake_at = inf
         self._switch(False, now)
 
     def power_back(self, now: float) -> None:
-        """Switch the power on; that of the servos stays off until register 24 is written."""
+        """Switch the power on; the servos have none until register 24 is written."""
         self._awake_at = now
 
     def _switch(self, on: bool, now: float) -> None:
-        """Switch the servos' power."""
         self.memory.put("dynamixel_power", int(on))
         for device in self._powered:
             if on:

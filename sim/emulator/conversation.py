@@ -1,4 +1,4 @@
-"""The replies of the devices on a line to an instruction: which devices, which bytes, in which order; no wire times."""
+"""The replies of the devices on a line to an instruction, in order, without their times on the wire."""
 
 import random
 from collections.abc import Collection, Sequence
@@ -23,11 +23,9 @@ from sim.emulator.device import Answer, Device
 from sim.emulator.servo2_registers import FedBy
 from sim.emulator.servo_body import BOOT_TIME
 
-# The part of each device in a group instruction, read from its parameters. A truncated part addresses no device.
-
 
 class ReadItem(NamedTuple):
-    """One device's part of a group read."""
+    """The part of one device in a group read."""
 
     id: int
     address: int
@@ -35,7 +33,7 @@ class ReadItem(NamedTuple):
 
 
 class WriteItem(NamedTuple):
-    """One device's part of a group write."""
+    """The part of one device in a group write."""
 
     id: int
     address: int
@@ -47,18 +45,18 @@ GROUP_READS2 = frozenset(
 )
 """Instructions of protocol 2.0 that several devices answer in turn."""
 FAST_READS = frozenset((Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ))
-"""Those of them that are answered by one common frame."""
+"""Group reads that are answered by one common frame."""
 GROUP_READS1 = frozenset((Instruction.BULK_READ,))
-"""As GROUP_READS2, of protocol 1.0."""
+"""Group reads of protocol 1.0."""
 GROUP_WRITES = frozenset((Instruction.SYNC_WRITE, Instruction.BULK_WRITE))
 """Instructions for several devices, without answers (bulk write: 2.0 only)."""
 REQUESTS = 64
-"""Different read requests that are cached: a host repeats a few."""
+"""Read requests that are cached: a host repeats a few."""
 
 
 @lru_cache(REQUESTS)
 def reads2(code: int, params: bytes) -> tuple[ReadItem, ...]:
-    """Parts of a group read of protocol 2.0, in the order of the frame."""
+    """Return the parts of a group read of protocol 2.0, in order. A truncated part addresses no device."""
     if code in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ):
         address, length = _word(params, 0), _word(params, 2)
         return tuple(ReadItem(device, address, length) for device in params[4:])
@@ -68,12 +66,12 @@ def reads2(code: int, params: bytes) -> tuple[ReadItem, ...]:
 
 @lru_cache(REQUESTS)
 def reads1(params: bytes) -> tuple[ReadItem, ...]:
-    """Parts of a bulk read of protocol 1.0 (00, then length, id, address), in the order of the frame."""
+    """Return the parts of a bulk read of protocol 1.0 (00, then length, id, address), in order."""
     return tuple(ReadItem(params[at + 1], params[at + 2], params[at]) for at in range(1, len(params) - 2, 3))
 
 
 def writes2(code: int, params: bytes) -> list[WriteItem]:
-    """Parts of a group write of protocol 2.0."""
+    """Return the parts of a group write of protocol 2.0."""
     if len(params) < 4:
         return []
     if code == Instruction.SYNC_WRITE:
@@ -90,7 +88,7 @@ def writes2(code: int, params: bytes) -> list[WriteItem]:
 
 
 def writes1(params: bytes) -> list[WriteItem]:
-    """Parts of a sync write of protocol 1.0."""
+    """Return the parts of a sync write of protocol 1.0."""
     return _same_registers(params[2:], params[0], params[1]) if len(params) >= 2 else []
 
 
@@ -106,25 +104,21 @@ def _word(params: bytes, at: int) -> int:
 class Gaps(Enum):
     """Effect of a missing servo on those behind it in a group read.
 
-    Each waits for the status of its predecessor before it sends its own (e-Manual, protocol 1.0 bulk read; of 2.0 it
-    only says 'in order'). So silence is inferred; it is not verified on hardware.
+    Each waits for the status of its predecessor (e-Manual, protocol 1.0 bulk read; 2.0: 'in order'). Silence is
+    inferred from that, and not verified on hardware.
     """
 
     SILENCE = "silence"
-    """All behind it stay silent; a fast reply stays truncated."""
+    """All behind it are silent; a fast reply is truncated."""
     SKIP = "skip"
     """Those behind it answer as if it were not in the frame."""
 
 
-# How emulated servos behave where the e-Manual is silent, so that a host can be tried against every possibility.
-
-
 @dataclass(frozen=True, slots=True)
 class Conduct:
-    """Behaviour of all servos on the lines of a robot.
+    """Behaviour of servos that the e-Manual leaves open, so that a host can be tested with each possibility.
 
-    gaps: what a missing servo does to those behind it in a group read. fed_by: which packets feed a bus watchdog (2.0).
-    boot_time: s of a start.
+    fed_by: packets that feed a bus watchdog (2.0). boot_time: s of a start.
     """
 
     gaps: Gaps = Gaps.SILENCE
@@ -133,7 +127,7 @@ class Conduct:
 
 
 class Reply(NamedTuple):
-    """Bytes of one device. return_delay: its own, s, before they begin; None: they follow the previous ones at once."""
+    """Bytes of one device. return_delay: before they begin, s; None: they follow the previous ones at once."""
 
     id: int
     data: bytes
@@ -141,12 +135,12 @@ class Reply(NamedTuple):
 
 
 Turn = tuple[Sequence[Device], ReadItem]
-"""The devices of the next id in a group read (several: of one id), and what is read."""
+"""The devices of the next id in a group read, and its part."""
 
 
 class Conversation:
-    """Replies of devices to the valid frames of a line. `now` is s of the line's clock. conduct: None: the usual;
-    noise: generator of the bytes of a collision."""
+    """Replies of devices to the valid frames of a line. `now` is s of the line's clock. noise: generator of the bytes
+    of a collision."""
 
     def __init__(self, *, conduct: Conduct | None = None, noise: random.Random | None = None) -> None:
         self._conduct = conduct or Conduct()
@@ -155,9 +149,9 @@ class Conversation:
     def answers(
         self, frame: WireFrame, listeners: Sequence[Device], now: float, *, silent: Collection[int] = ()
     ) -> list[Reply]:
-        """Return all replies to `frame`, in order. `listeners`: the devices that receive it, of one protocol.
+        """Return all replies to `frame`, in order, and feed watchdogs.
 
-        The watchdogs that the frame feeds are fed. silent: ids that do not answer group reads.
+        listeners: the devices that receive it, of one protocol. silent: ids that do not answer group reads.
         """
         to_all = frame.id == BROADCAST or self._conduct.fed_by is FedBy.ANY
         for device in listeners:
@@ -172,7 +166,12 @@ class Conversation:
             items = reads2(frame.code, frame.params) if second else reads1(frame.params)
             fast = second and frame.code in FAST_READS
             turns = self._turns(items, _able(listeners, frame.code, silent))
-            return self._fast(items, turns, now) if fast else self._in_turn(turns, now)
+            if fast:
+                return self._fast(items, turns, now)
+            replies_in_turn: list[Reply] = []
+            for devices, (own, address, length) in turns:
+                replies_in_turn += self._together(own, [(one, one.read(address, length, now)) for one in devices])
+            return replies_in_turn
         if frame.code in GROUP_WRITES:
             _write(writes2(frame.code, frame.params) if second else writes1(frame.params), listeners, now)
             return []
@@ -198,27 +197,20 @@ class Conversation:
         return self._together(frame.id, replies)
 
     def _together(self, device: int, replies: Sequence[tuple[Device, Answer]]) -> list[Reply]:
-        """Return what the host receives from the devices of one id: nothing, a status, or the mix of several."""
-        frames = [CODECS[who.protocol].status(device, answer.error, answer.data) for who, answer in replies]
+        """Return the bytes that arrive from the devices of one id: none, a status, or the mix of several."""
+        frames = [CODECS[one.protocol].status(device, answer.error, answer.data) for one, answer in replies]
         if not frames:
             return []
-        delay = min(who.return_delay for who, _ in replies)
+        delay = min(one.return_delay for one, _ in replies)
         return [Reply(device, frames[0] if len(frames) == 1 else self._mixed(frames), delay)]
 
     def _mixed(self, frames: Sequence[bytes]) -> bytes:
-        """Return the bytes of frames sent at the same time: none keeps its own."""
+        """Return the noise of frames that are sent at the same time."""
         return self._noise.randbytes(max(map(len, frames)))
 
-    def _in_turn(self, turns: Sequence[Turn], now: float) -> list[Reply]:
-        """Answer a sync or bulk read: one status each, in the order of the frame."""
-        replies: list[Reply] = []
-        for devices, (own, address, length) in turns:
-            replies += self._together(own, [(who, who.read(address, length, now)) for who in devices])
-        return replies
-
     def _fast(self, items: Sequence[ReadItem], turns: Sequence[Turn], now: float) -> list[Reply]:
-        """Answer a fast sync or bulk read: all parts in one frame, not stuffed. The first device sends the header, each
-        closes its part with the CRC of everything so far (e-Manual, Fast Sync Read)."""
+        """Answer a fast sync or bulk read: all parts in one frame, not stuffed. The first device sends the header, and
+        each closes its part with the CRC of all bytes so far (e-Manual, Fast Sync Read)."""
         whole = fast_length([item.length for item in items]) - protocol2.OVERHEAD
         if whole > 0xFFFF:
             return []

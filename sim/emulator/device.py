@@ -1,4 +1,4 @@
-"""A device on a line: its memory, the instructions that it carries out, and what disturbs it from outside.
+"""A device on a line: its memory, its instructions, and faults from outside.
 
 Source: e-Manual, protocols 1.0 and 2.0. With protocol 1.0 addresses and lengths are bytes, with 2.0 words.
 """
@@ -12,12 +12,12 @@ from sim.imu import Ailment
 
 _LEVEL: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}  # status return level from which it answers, else 2
 _OBEYED = frozenset((Instruction.WRITE, Instruction.REG_WRITE, Instruction.ACTION))  # through a secondary id
-_REGISTERED = {1: "registered", 2: "registered_instruction"}  # by protocol: whether a Reg Write waits for its Action
+_REGISTERED = {1: "registered", 2: "registered_instruction"}  # by protocol: the flag of a waiting Reg Write
 _PING = ("model_number", "firmware_version")  # the registers that a ping of protocol 2.0 returns
 
 
 class Answer(NamedTuple):
-    """The answer of one device: the error byte of its status frame, and the data behind it (no stuffing, no CRC)."""
+    """The error byte and the data of a status frame (no stuffing, no CRC)."""
 
     error: int
     data: bytes
@@ -26,16 +26,14 @@ class Answer(NamedTuple):
 class Device:
     """A device with the memory of its control table, as the maker delivers it.
 
-    `now` is s of the line's clock and never decreases; a device reads no clock itself. id, secondary_id (obeyed without
-    an answer, RAM area only), baud (bits/s), return_delay (s before every status) and answers_reads (status return
-    level 1 and 2) are those of its registers. A subclass says what it refuses, how it reacts, and what it knows beyond
-    ping, read, write, registered write and action.
+    `now` is s of the line's clock and never decreases. id, secondary_id (obeyed without an answer, RAM area only), baud
+    (bits/s), return_delay (s before every status) and answers_reads (status return level 1 and 2) are those of its
+    registers. registered: address and data of a Reg Write that waits for its Action. malformed: error for a wrong
+    number of parameters; unknown: for an unknown instruction, and an action without a registered write.
     """
 
     malformed: int = Error2.DATA_LENGTH
-    """Error for an instruction with too few or too many parameters."""
     unknown: int = Error2.INSTRUCTION
-    """Error for an instruction that it does not know, and for an action without a registered write."""
 
     def __init__(self, table: ControlTable, now: float) -> None:
         self.table = table
@@ -46,12 +44,11 @@ class Device:
         self.secondary_id: int | None = None
         self.answers_reads = True
         self.registered: tuple[int, bytes] | None = None
-        """Address and data of a Reg Write that waits for its Action."""
         self._awake_at = now
         self.defaults(0, table.eeprom_end)
 
     def defaults(self, first: int, end: int) -> None:
-        """Set the registers from `first` up to `end` to what the maker gives them."""
+        """Set the registers from `first` to before `end` to the maker's values."""
         for register in self.table.registers:
             if first <= register.address < end:
                 self.memory.store(register, register.initial or 0)
@@ -59,11 +56,11 @@ class Device:
         self.memory.put("firmware_version", self.table.usual_firmware)
 
     def booting(self, now: float) -> bool:
-        """Return whether the device starts, or has no power: then it neither receives nor answers."""
+        """Return whether the device starts or has no power, and so neither receives nor answers."""
         return now < self._awake_at
 
     def receive(self, now: float) -> None:
-        """Note a valid instruction frame on the line, whatever its id: it feeds the bus watchdog."""
+        """Note a valid instruction frame on the line: it feeds the bus watchdog."""
 
     def execute(
         self, instruction: int, params: bytes, now: float, *, broadcast: bool, secondary: bool = False
@@ -80,7 +77,7 @@ class Device:
         return answer if self.memory.value("status_return_level") >= _LEVEL.get(instruction, 2) else None
 
     def read(self, address: int, length: int, now: float) -> Answer:
-        """Return the bytes of a range, or the error for it: also the device's part of a group read."""
+        """Return the bytes of a range, or its error: also the device's part of a group read."""
         self.catch_up(now)
         if not self.memory.readable(address, length):
             return self.answer(self.error_of(Error2.ACCESS if length else Error2.DATA_LENGTH))
@@ -104,7 +101,7 @@ class Device:
         return 0
 
     def accepts(self, address: int, data: bytes, *, ram_only: bool = False) -> list[RegisterWrite] | int:
-        """Return what a write would set, or the error by which it is refused as a whole. Nothing changes."""
+        """Return the registers that a write would set, or the error by which it is refused as a whole."""
         if ram_only and address < self.table.eeprom_end:
             return self.error_of(Error2.ACCESS)
         parts = self.memory.parts(address, data)
@@ -113,14 +110,14 @@ class Device:
         return next((error for error in map(self.refusal, parts) if error), None) or parts
 
     def answer(self, error: int = 0, data: bytes = b"") -> Answer:
-        """Return an answer, with the errors that stand in every one."""
+        """Return an answer, with the errors that every one has."""
         return Answer(error, data)
 
     def catch_up(self, now: float) -> None:
         """Let time pass up to `now` (s)."""
 
     def tune(self) -> None:
-        """Take every setting from the registers to where it works."""
+        """Apply every setting in the registers."""
         memory = self.memory
         self.id = memory.value("id")
         self.baud = baud_of(self.table, memory.value("baud_rate")) or 0
@@ -132,42 +129,41 @@ class Device:
         return error
 
     def refusal(self, part: RegisterWrite) -> int:
-        """Return the error by which a writable register refuses a value, 0 when it takes it."""
+        """Return the error by which a writable register refuses a value, 0 if it is accepted."""
         return 0 if part.register.allows(part.value) else Error2.DATA_RANGE
 
     def react(self, names: set[str], now: float) -> None:
-        """Let the registers `names`, which have just been written, take effect."""
+        """Apply the registers `names`, which have just been written."""
         self.tune()
 
     def show(self, address: int, length: int, now: float) -> None:
         """Refresh the registers of a range that show its state."""
 
     def ignores_broadcast(self, instruction: int, params: bytes) -> bool:
-        """Whether an instruction to all devices is not for this one."""
+        """Return whether the device ignores this instruction to all devices."""
         return instruction == Instruction.READ
 
     def special(self, instruction: int, params: bytes, now: float) -> Answer:
-        """Carry out an instruction that not every device knows."""
+        """Carry out an instruction beyond ping, read, write, registered write and action."""
         return self.answer(self.unknown)
 
     def supply(self, volts: float | None, now: float) -> None:
-        """Set the supply voltage in V; None: the nominal one, which sags with the current. Below what the electronics
-        need, power is gone: a brown-out."""
+        """Set the supply voltage in V; None: nominal, which sags with the current. A very low one is a brown-out."""
 
     def heat(self, celsius: float | None, now: float) -> None:
-        """Set the temperature in degrees Celsius; None: it follows the current again."""
+        """Set the temperature in degrees Celsius; None: that of the model."""
 
     def sense(self, ailment: Ailment | None, now: float) -> None:
-        """Let its IMU have a fault; None: it works."""
+        """Set the fault of its IMU; None: it works."""
 
     def hold_current(self, stuck: bool, now: float) -> None:
-        """Show the same current from now on, or the true one again."""
+        """Keep the shown current, or show the true one again."""
 
     def jam(self, stuck: bool, now: float) -> None:
-        """Block the shaft, or free it: a blocked servo stalls before its goal, and overloads after a while."""
+        """Block the shaft, or free it: a blocked servo overloads after a while."""
 
     def power_cut(self, now: float) -> None:
-        """Switch the power off: the device is silent, and everything in RAM is lost."""
+        """Switch the power off: the device is silent and loses its RAM."""
 
     def power_back(self, now: float) -> None:
         """Switch the power on: the device boots."""
@@ -176,8 +172,8 @@ class Device:
         wide = self.protocol  # bytes of an address
         address, data = int.from_bytes(params[:wide], "little"), params[wide:]
         if instruction == Instruction.PING:
-            said = [self.table[name].encode(self.memory.value(name)) for name in _PING]
-            return self.answer(0, b"".join(said) if self.protocol == 2 else b"")
+            shown = [self.table[name].encode(self.memory.value(name)) for name in _PING]
+            return self.answer(0, b"".join(shown) if self.protocol == 2 else b"")
         if instruction == Instruction.READ and len(data) == wide:
             return self.read(address, int.from_bytes(data, "little"), now)
         if instruction == Instruction.WRITE and data:

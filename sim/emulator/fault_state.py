@@ -1,4 +1,4 @@
-"""The faults of a line: the fault file, which faults are active, their effects on packets and devices, typed faults."""
+"""The faults of a line: the fault file, active faults, their effects on packets and devices, typed faults."""
 
 import math
 import random
@@ -17,60 +17,57 @@ from sim.emulator.faults import BYTE_KINDS, KEYS, VALUES, DelayedBytes, Directio
 from sim.imu import Ailment
 
 MAX_FAULTS = 1000
-"""Most faults that a line keeps; further ones are refused."""
+"""Most faults of a line."""
 
 Effects = dict[tuple[FaultKind, int], float]
 """Effects on devices: (kind, index of the device) -> value."""
 
 
 class FaultState:
-    """Faults of one line. `now` is s of the line's clock. `update` before anything else is asked; all chance comes from
-    one seeded generator."""
+    """Faults of one line. `now` is s of the line's clock. Call `update` before all else.
+
+    active: the active faults. missing, silent_tail, clashing: ids with these faults. dead: no bytes pass between host
+    and devices. echo: the host receives its own bytes. unplugged: its adapter is gone. spoil: `to_host` may change
+    bytes.
+    """
 
     def __init__(
         self, devices: Sequence[Device], *, faults: Iterable[Fault] = (), origin: float = 0.0, seed: int | str = 0
     ) -> None:
-        """origin: s of the clock from which the faults' times count."""
+        """origin: s of the clock from which the times of the faults count."""
         self._devices = tuple(devices)
         self._faults = list(faults)
         self._origin = origin
         self._chance = random.Random(seed)
         self._cycle = -1
         self.active: tuple[Fault, ...] = ()
-        """The active faults."""
         self._effects: Effects = {}
         self._now = origin  # [s] time never goes back for devices
         self._until = -math.inf  # [s] when a fault begins or ends by time
         self._reset()
 
     def _reset(self) -> None:
-        """Sort the active faults by what they do."""
+        """Sort the active faults by their effects."""
         self.missing = self._ids(FaultKind.MISSING)
-        """Ids that neither receive nor answer."""
         self.silent_tail = self._ids(FaultKind.SILENT_TAIL)
-        """Ids that do not answer group reads."""
         self.clashing = self._ids(FaultKind.ID_CLASH)
-        """Ids that two devices have."""
         self._garbage = [int(fault.amount) for fault in self.active if fault.kind is FaultKind.SHORT]
         self.dead = bool(self._garbage)
-        """Whether no bytes pass between host and devices."""
         self.echo, self.unplugged = (
             any(fault.kind is kind for fault in self.active) for kind in (FaultKind.ECHO, FaultKind.UNPLUG)
         )
-        """Whether the host receives its own bytes; whether its adapter is gone."""
         hits = [fault for fault in self.active if fault.kind in BYTE_KINDS]
-        self._on_way_in = [
+        self._inbound = [
             fault
             for fault in hits
             if fault.direction is not Direction.TO_HOST and fault.kind is not FaultKind.CRC_STORM and not fault.ids
         ]
-        self._on_way_out = [fault for fault in hits if fault.direction is not Direction.TO_SERVOS]
-        self.spoil = bool(self._on_way_out or self.clashing)
-        """Whether `to_host` may change anything."""
+        self._outbound = [fault for fault in hits if fault.direction is not Direction.TO_SERVOS]
+        self.spoil = bool(self._outbound or self.clashing)
 
     @property
     def next_change(self) -> float | None:
-        """Time, s of the clock, at which the next fault begins or ends; None: never."""
+        """Time of the next begin or end of a fault, s of the clock; None: never."""
         return self._until if math.isfinite(self._until) else None
 
     def count_cycle(self) -> None:
@@ -90,7 +87,7 @@ class FaultState:
         return True
 
     def clear(self, now: float, kind: FaultKind | None = None) -> None:
-        """Remove all faults, or those of one kind; their effects on devices end, what devices latched stays."""
+        """Remove all faults, or those of one kind. Errors that devices have latched remain."""
         self._faults = [] if kind is None else [fault for fault in self._faults if fault.kind is not kind]
         self._until = -math.inf
         self.update(now)
@@ -115,14 +112,14 @@ class FaultState:
         return self._chance.randbytes(max(self._garbage))
 
     def to_servos(self, packet: bytes) -> list[DelayedBytes]:
-        """Return what the devices receive of bytes that the host sends."""
-        return mangled(packet, self._on_way_in, self._chance)
+        """Return the bytes that devices receive of a packet of the host."""
+        return mangled(packet, self._inbound, self._chance)
 
     def to_host(self, device: int, packet: bytes) -> list[DelayedBytes]:
-        """Return what the host receives of bytes that a device sends."""
+        """Return the bytes that the host receives of a packet of a device."""
         if device in self.clashing:
             packet = self._chance.randbytes(len(packet))
-        hits = [fault for fault in self._on_way_out if not fault.ids or device in fault.ids]
+        hits = [fault for fault in self._outbound if not fault.ids or device in fault.ids]
         return mangled(packet, hits, self._chance)
 
     def _ids(self, kind: FaultKind) -> frozenset[int]:
@@ -131,7 +128,7 @@ class FaultState:
         return frozenset(own for fault in hit for own in fault.ids or [device.id for device in self._devices])
 
     def _apply_effects(self, now: float) -> None:
-        """Apply to devices the faults that have begun, undo those that have ended."""
+        """Apply the faults that have begun to devices, and undo those that have ended."""
         before = self._effects
         self._effects = {
             (fault.kind, index): fault.amount if fault.kind in VALUES else 1.0
@@ -155,7 +152,7 @@ _EFFECTS: dict[FaultKind, Callable[[Device, float | None, float], None]] = {
     FaultKind.IMU_SWAPPED: lambda device, value, now: device.sense(None if value is None else Ailment.SWAPPED, now),
     FaultKind.IMU_SPIKES: lambda device, value, now: device.sense(None if value is None else Ailment.SPIKES, now),
 }
-"""How a fault of a kind sets in on a device with its value, or (None) ends."""
+"""The begin of a fault of a kind on a device with its value, or (None) its end."""
 
 
 # A fault file: the faults of an emulated bus, and their times. Strict YAML.
@@ -177,23 +174,22 @@ class FaultPlan(Schema):
     faults: Annotated[tuple[Fault, ...], Field(max_length=MAX_FAULTS)]
 
     def of_bus(self, name: str) -> tuple[Fault, ...]:
-        """Those of one bus."""
+        """Return the faults of one bus."""
         return tuple(fault for fault in self.faults if fault.bus in (None, name))
 
 
 EVERY_KIND = frozenset(FaultKind)
-"""Faults that an emulated line has, where its servos turn their shafts themselves."""
+"""Faults of a line whose servos turn their shafts themselves."""
 
 
 def load_fault_plan(path: Path, buses: Buses, *, kinds: Collection[FaultKind] = EVERY_KIND) -> FaultPlan:
     """Read a fault file for a robot with these buses. kinds: those that can be played. Raises ConfigError with all its
     problems."""
-    plan = read_model(FaultPlan, path, check=lambda _, document: _problems(document, buses, kinds))
-    return plan
+    return read_model(FaultPlan, path, check=lambda _, document: _problems(document, buses, kinds))
 
 
 def _problems(document: Document, buses: Buses, kinds: Collection[FaultKind] = EVERY_KIND) -> list[Problem]:
-    """Cross checks of every entry that is valid by itself."""
+    """Return the problems of entries that are valid by themselves."""
     entries = document.data.get("faults")
     problems: list[Problem] = []
     for index, data in enumerate(entries if isinstance(entries, list) else []):
@@ -244,7 +240,7 @@ MAX_LINE = 1000
 
 
 def obey(line: str, states: dict[str, FaultState], buses: Buses, now: Callable[[], float]) -> str:
-    """Carry out one line on the faults of all buses (by name); return the reply. Never raises for bad words."""
+    """Carry out one line on the faults of all buses (by name); return the reply. Bad words do not raise."""
     words = line[:MAX_LINE].split()
     if not words:
         return ""
@@ -262,26 +258,24 @@ def obey(line: str, states: dict[str, FaultState], buses: Buses, now: Callable[[
                     for kind in kinds or [None]:
                         state.clear(now(), kind)
                 return f"cleared {' '.join(rest) or 'all faults'}"
-        return _begin(words, states, buses, now())
+        kind = _kind(words[0])
+        keys, ids = ([word for word in words[1:] if ("=" in word) is key] for key in (True, False))
+        data: dict[str, Node] = {"fault": kind.value}
+        data |= {"ids": [_scalar(word) for word in ids]} if ids else {}
+        data |= {key: _scalar(text) for key, _, text in (word.partition("=") for word in keys)}
+        entry = Document(Path("faults"), {"faults": [data]}, {})
+        (fault,) = validated(FaultPlan, entry, check=lambda _, document: _problems(document, buses)).faults
+        known = {name: set(buses[name]) for name in states if fault.bus in (None, name)}
+        meant = [name for name, own in known.items() if set(fault.ids or own) & own]
+        if not all(states[name].add(fault, now()) for name in meant):
+            return "too many faults; type clear first"
+        return f"{' '.join(words)}: begun"
     except (ConfigError, UsageError) as error:
         return f"{error} Type help for help."
 
 
-def _begin(words: Sequence[str], states: dict[str, FaultState], buses: Buses, now: float) -> str:
-    kind = _kind(words[0])
-    keys, ids = ([word for word in words[1:] if ("=" in word) is wanted] for wanted in (True, False))
-    data: dict[str, Node] = {"fault": kind.value}
-    data |= {"ids": [_scalar(word) for word in ids]} if ids else {}
-    data |= {key: _scalar(text) for key, _, text in (word.partition("=") for word in keys)}
-    entry = Document(Path("faults"), {"faults": [data]}, {})
-    (fault,) = validated(FaultPlan, entry, check=lambda _, document: _problems(document, buses)).faults
-    meant = [name for name in states if fault.bus in (None, name) and set(fault.ids or buses[name]) & set(buses[name])]
-    if not all(states[name].add(fault, now) for name in meant):
-        return "too many faults; type clear first"
-    return f"{' '.join(words)}: begun"
-
-
 def _kind(word: str) -> FaultKind:
+    """Return the kind of a name. Raises UsageError."""
     names = [kind.value for kind in FaultKind]
     if word not in names:
         raise UsageError("unknown fault", found=repr(word), allowed=", ".join(names), next_step=suggest(word, names))
@@ -289,5 +283,5 @@ def _kind(word: str) -> FaultKind:
 
 
 def _scalar(text: str) -> Node:
-    """A word as the strict reader of files understands it."""
+    """Return a word as the strict reader of files reads it."""
     return scan(f"value: {text}", Path("faults")).data["value"] if text.isascii() else text

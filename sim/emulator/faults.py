@@ -1,4 +1,4 @@
-"""Faults of an emulated line as data (kind, time, devices, rate), and their effect on the bytes of a packet."""
+"""Faults of an emulated line as data, and their effect on the bytes of a packet."""
 
 import math
 import random
@@ -13,8 +13,7 @@ from retarget.schema.strict_models import Integer, Name, NotNegative, Number, Po
 
 
 class FaultKind(Enum):
-    """What happens while a fault lasts. A packet is an instruction frame, a status frame, or a device's part of a fast
-    reply."""
+    """Kinds of fault. A packet is an instruction frame, a status frame, or a device's part of a fast reply."""
 
     DROP = "drop"
     """Packets, or single bytes, are lost."""
@@ -23,41 +22,41 @@ class FaultKind(Enum):
     DUPLICATE = "duplicate"
     """Packets, or single bytes, come twice."""
     LATE = "late"
-    """Packets, or what follows a byte of them, come `value` s later, and all behind them."""
+    """Packets, or the rest of a packet after a byte, are `value` s late, and all that follows."""
     NOISE = "noise"
-    """Up to `value` random bytes stand in front of packets."""
+    """Up to `value` random bytes precede packets."""
     CRC_STORM = "crc_storm"
-    """The CRC or checksum of what devices send is wrong."""
+    """The CRC or checksum of devices is wrong."""
     MISSING = "missing"
     """Devices neither receive nor answer."""
     SILENT_TAIL = "silent_tail"
-    """Devices stay silent in group reads, and with them those behind them."""
+    """Devices do not answer group reads, nor do those behind them."""
     ID_CLASH = "id_clash"
-    """A second device has the same id: whenever one answers, both do, and their answers cannot be decoded."""
+    """A second device has the same id: both answer at once, which cannot be decoded."""
     SHORT = "short"
-    """The line is dead: no bytes pass; the host receives `value` random bytes for every packet of its own."""
+    """No bytes pass; the host receives `value` random bytes for each of its packets."""
     ECHO = "echo"
-    """The adapter gives the host its own bytes back."""
+    """The adapter returns the host's own bytes."""
     OVER_TEMPERATURE = "over_temperature"
     """Devices have `value` degrees Celsius."""
     UNDER_VOLTAGE = "under_voltage"
-    """The supply of devices is `value` V; below what their electronics need they reset (a brown-out)."""
+    """The supply of devices is `value` V; a very low one resets them (a brown-out)."""
     OVERLOAD = "overload"
-    """Shafts are blocked: a device overloads when it moves."""
+    """Shafts are blocked: a servo that moves overloads."""
     UNPLUG = "unplug"
-    """The adapter is gone from the host; afterwards it is back."""
+    """The adapter is unplugged from the host."""
     IMU_FROZEN = "imu_frozen"
-    """The IMU of a board shows the same numbers for ever."""
+    """The IMU repeats its last numbers."""
     IMU_SWAPPED = "imu_swapped"
-    """It shows x and y with the wrong sign."""
+    """The IMU inverts x and y."""
     IMU_SPIKES = "imu_spikes"
-    """Now and then it shows numbers beyond its range."""
+    """The IMU sometimes shows numbers beyond its range."""
     CURRENT_STUCK = "current_stuck"
-    """The current that a servo shows does not change."""
+    """A servo shows a constant current."""
 
 
 class Direction(Enum):
-    """The bytes that a fault hits."""
+    """Direction of the bytes that a fault changes."""
 
     TO_SERVOS = "to_servos"
     TO_HOST = "to_host"
@@ -74,7 +73,7 @@ class Unit(Enum):
 BYTE_KINDS = frozenset(
     (FaultKind.DROP, FaultKind.FLIP, FaultKind.DUPLICATE, FaultKind.LATE, FaultKind.NOISE, FaultKind.CRC_STORM)
 )
-"""Kinds that change bytes on their way, and have a rate."""
+"""Kinds that change bytes on the wire, and have a rate."""
 
 VALUES: dict[FaultKind, tuple[float, float, float]] = {
     FaultKind.LATE: (0.005, 0.0, 10.0),
@@ -83,7 +82,7 @@ VALUES: dict[FaultKind, tuple[float, float, float]] = {
     FaultKind.OVER_TEMPERATURE: (90.0, -40.0, 200.0),
     FaultKind.UNDER_VOLTAGE: (3.0, 0.0, 40.0),
 }
-"""Kinds that have a `value`: the one meant when none is given, the lowest and the highest."""
+"""Kinds with a `value`: its default, the lowest and the highest."""
 
 KEYS: dict[FaultKind, frozenset[str]] = {
     kind: frozenset(("start", "end", "from_cycle", "to_cycle", "bus"))
@@ -93,19 +92,17 @@ KEYS: dict[FaultKind, frozenset[str]] = {
     | (frozenset(("ids",)) if kind not in (FaultKind.SHORT, FaultKind.ECHO, FaultKind.UNPLUG) else frozenset())
     for kind in FaultKind
 }
-"""The keys that each kind takes."""
-
-
+"""Keys of each kind."""
 Cycle = Annotated[Integer, Field(ge=0)]
 
 
 class Fault(Schema):
-    """One fault, and an entry of a fault file. It lasts while both windows do: time s since the line began, from
-    `start` and before `end`; cycles (group reads received, from 0), from `from_cycle` and before `to_cycle`.
+    """One fault, an entry of a fault file. It lasts inside both windows: time since the line began, s, from `start` to
+    before `end`, and group reads received, counted from 0, from `from_cycle` to before `to_cycle`.
 
-    kind: `fault` in a file. ids: of the devices; none: all. Bytes on their way to the servos belong to no device:
-    faults with ids leave them alone. rate: share of what `of` says. value: see FaultKind; None: the usual one. bus:
-    name of the only line that it is for; None: all. Raises ValidationError for values that no fault has.
+    kind: `fault` in a file. ids: of the devices; none: all. Faults with ids do not change bytes to the servos, which
+    belong to no device. rate: share of the units `of`. value: see FaultKind; None: the default. bus: name of its only
+    line; None: all. Raises ValidationError for other values.
     """
 
     kind: FaultKind = Field(alias="fault")
@@ -121,35 +118,35 @@ class Fault(Schema):
     bus: Name | None = None
 
     def __init__(self, *kind: FaultKind, **values: Any) -> None:
-        """`kind` comes first, or as the key `fault`."""
+        """Take `kind` first, or as the key `fault`."""
         super().__init__(**values, **({"fault": kind[0]} if kind else {}))
 
     @property
     def amount(self) -> float:
-        """`value`, or the kind's usual one."""
+        """The value, or the default of the kind."""
         return VALUES[self.kind][0] if self.value is None else self.value
 
     @property
     def by_cycle(self) -> bool:
-        """Whether a count of cycles begins or ends it."""
+        """True if a count of cycles begins or ends it."""
         return self.from_cycle > 0 or self.to_cycle is not None
 
     def lasts(self, time: float, cycle: int) -> bool:
-        """Whether it is present, `time` s after the line began, in that cycle."""
+        """Return whether it is active, `time` s after the line began, in that cycle."""
         within = self.from_cycle <= cycle and (self.to_cycle is None or cycle < self.to_cycle)
         return within and self.start <= time < self.end
 
 
 MEASURED_KINDS = frozenset((FaultKind.IMU_FROZEN, FaultKind.IMU_SWAPPED, FaultKind.IMU_SPIKES, FaultKind.CURRENT_STUCK))
-"""Faults of what a device measures, which answers."""
+"""Faults of the measurements of a device that answers."""
 RANDOM_KINDS = tuple(kind for kind in FaultKind if kind not in MEASURED_KINDS)
-"""Kinds that random faults are drawn from: those that every line can have."""
+"""Kinds of random faults: those that every line can have."""
 RATES = (1e-3, 1e-1)
-"""Shares of bytes that a random fault damages, drawn evenly by their logarithms."""
+"""Shares of bytes that a random fault damages, drawn with uniform logarithms."""
 
 
 def random_faults(seed: int, ids: Sequence[int], duration: float) -> tuple[Fault, ...]:
-    """Three to eight faults within `duration` s, each for at most a fifth of it; the same for the same seed."""
+    """Draw three to eight faults within `duration` s, each for at most a fifth of it; the same for the same seed."""
     chance = random.Random(seed)
     faults = []
     for _ in range(chance.randint(3, 8)):
@@ -165,18 +162,15 @@ def random_faults(seed: int, ids: Sequence[int], duration: float) -> tuple[Fault
     return tuple(faults)
 
 
-# Faults of single packets: bytes in, other bytes out, some of them later.
-
-
 class DelayedBytes(NamedTuple):
-    """Bytes of a packet that come `delay` s after what is in front of them."""
+    """Bytes of a packet that arrive `delay` s after those before them."""
 
     delay: float
     data: bytes
 
 
 def mangled(packet: bytes, faults: Sequence[Fault], chance: random.Random) -> list[DelayedBytes]:
-    """What becomes of a packet by faults of BYTE_KINDS, in their order; nothing: it is lost."""
+    """Return the parts of a packet after faults of BYTE_KINDS, in their order; none: it is lost."""
     parts = [DelayedBytes(0.0, packet)]
     for fault in faults:
         parts = [new for part in parts for new in _hit(part, fault, chance, last=packet[-1])]
@@ -184,10 +178,7 @@ def mangled(packet: bytes, faults: Sequence[Fault], chance: random.Random) -> li
 
 
 def _hit(part: DelayedBytes, fault: Fault, chance: random.Random, *, last: int) -> list[DelayedBytes]:
-    """Hit a packet, or each of its bytes for itself: it may be lost, changed, come twice, or keep what follows waiting.
-
-    last: byte of the packet as it was sent; two storms leave it as wrong as one.
-    """
+    """Apply a fault to a packet or to each of its bytes. last: its last byte as sent; two storms change it as one."""
     whole = fault.of is Unit.PACKETS
     out: list[DelayedBytes] = []
     delay, done = part.delay, b""

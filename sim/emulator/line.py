@@ -1,4 +1,4 @@
-"""One half-duplex bus segment: bytes of the host in, bytes of its servos out, each at its time on the wire."""
+"""A half-duplex bus segment: bytes of the host in, bytes of its servos out, each at its time on the wire."""
 
 import random
 from collections import deque
@@ -11,22 +11,19 @@ from sim.emulator.conversation import GROUP_READS2, Conduct, Conversation, Reply
 from sim.emulator.device import Device
 from sim.emulator.fault_state import FaultState
 
-# Time on the wire: how long bytes take, when a servo begins to answer, when the host receives it.
-
 BITS_PER_BYTE = 10.0
 """8N1: a start bit, eight bits, a stop bit."""
 REAL_TIME_GAP = 20e-3
-"""`LineTiming.gap` for clients in real time, s: a busy machine pauses a client for longer than any servo would wait."""
+"""`LineTiming.gap` for clients in real time, s: a busy machine pauses a client for longer than 1.5 ms."""
 
 
 @dataclass(frozen=True, slots=True)
 class LineTiming:
-    """A line's times, in s.
+    """Times of a line, s.
 
-    bits: per byte on the wire; 0: bytes take no time. return_delay: share of each servo's own Return Delay Time that
-    passes before its status. turnaround: what a servo needs besides that. latency: how long the adapter keeps a byte
-    that has arrived before it passes it to the host (FTDI: the latency timer). gap: longest pause between two bytes of
-    one instruction frame; after a longer one servos drop what they have received of it (e-Manual: 1.5 ms).
+    bits: per byte on the wire; 0: bytes take no time. return_delay: share of a servo's Return Delay Time before its
+    status; turnaround: added to it. latency: of the adapter towards the host (FTDI: the latency timer). gap: longest
+    pause inside an instruction frame; after a longer one servos drop its begin (e-Manual: 1.5 ms).
     """
 
     bits: float = BITS_PER_BYTE
@@ -37,16 +34,16 @@ class LineTiming:
 
     @staticmethod
     def none() -> "LineTiming":
-        """A line on which nothing takes time: for logic, and for what the host itself costs."""
+        """Return the timing of a line on which nothing takes time."""
         return LineTiming(bits=0.0, return_delay=0.0, turnaround=0.0, latency=0.0)
 
     @property
     def instant(self) -> bool:
-        """Whether answers take no time on the wire."""
+        """True if answers take no time on the wire."""
         return not (self.bits or self.return_delay or self.turnaround)
 
     def on_wire(self, count: int, baud: int) -> float:
-        """Time of `count` bytes in s."""
+        """Return the time of `count` bytes, s."""
         return self.bits * count / baud
 
 
@@ -58,7 +55,7 @@ class Chunk(NamedTuple):
 
 
 MAX_WAITING = 1 << 16
-"""Most bytes that wait for a host which does not read; what comes after them is lost, as in a real adapter."""
+"""Most bytes that wait for a host which does not read; further ones are lost, as in a real adapter."""
 BAUD_TOLERANCE = 0.03
 """Share by which two baud rates may differ and bytes are still decoded."""
 
@@ -66,9 +63,10 @@ BAUD_TOLERANCE = 0.03
 class Line:
     """Devices on one pair of wires, and the adapter between them and the host. `now` is s of the clock of the caller.
 
-    `receive` takes what the host sends; `take` returns what has arrived by a time, `next_due` is when more will. Frames
-    are carried out when they are received, with the time at which their last byte is on the wire. conduct: of the
-    devices, None: the usual.
+    `receive` takes bytes of the host; `take` returns those that have arrived by a time. Frames are carried out when
+    they are received, with the time of their last byte on the wire. connected: the devices on the wires. baud: of the
+    host's adapter, bits/s; devices at another rate receive noise. servos_free: when the servos' last byte is on the
+    wire, s. lost: bytes that were dropped because the host did not read.
     """
 
     def __init__(
@@ -83,13 +81,10 @@ class Line:
     ) -> None:
         self.devices = tuple(devices)
         self.connected = self.devices
-        """Those that are on the wires; the others neither receive nor answer."""
         self.faults = faults or FaultState(devices, seed=seed)
         self.baud = baud
-        """Of the host's adapter, bits/s: devices at another rate receive noise, and the host cannot decode theirs."""
         self.timing = timing or LineTiming()
         self.lost = 0
-        """Bytes that were dropped because the host did not read."""
         self._noise = random.Random(seed)
         self._conversation = Conversation(conduct=conduct, noise=self._noise)
         self._parsers: dict[int, Parser] = {
@@ -100,22 +95,21 @@ class Line:
         self._host_free = float("-inf")  # [s] when the host's last byte is on the wire
         self._last_received = float("-inf")  # [s] when the last one reached the devices
         self.servos_free = float("-inf")
-        """When the servos' last byte is on the wire, s."""
 
     @property
     def next_due(self) -> float | None:
-        """Time, s, at which the next bytes arrive at the host; None while nothing is on its way."""
+        """Time at which the next bytes arrive at the host, s; None: no bytes are on the wire."""
         return self._waiting[0].due if self._waiting else None
 
     def last_due_within(self, span: float) -> float | None:
-        """Return when the last of those bytes arrives that come within `span` s of the next ones."""
+        """Return when the last bytes arrive that come within `span` s of the next ones, s."""
         if not self._waiting:
             return None
         first = self._waiting[0].due
         return max(chunk.due for chunk in self._waiting if chunk.due - first <= span)
 
     def take(self, now: float) -> bytes:
-        """Return everything that has arrived at the host by `now` and is not taken yet."""
+        """Return the bytes that have arrived at the host by `now` since the last call."""
         out = []
         while self._waiting and self._waiting[0].due <= now:
             out.append(self._waiting.popleft().data)
@@ -124,7 +118,7 @@ class Line:
         return data
 
     def receive(self, data: bytes, now: float) -> None:
-        """Put bytes on the wire that the host hands to its adapter at `now`, s."""
+        """Put bytes on the wire that the host passes to its adapter at `now`, s."""
         start = max(now, self._host_free)
         for piece in pieces(data):
             self.faults.update(start)
@@ -144,21 +138,17 @@ class Line:
         self._host_free = start
 
     def unplugged(self, now: float) -> bool:
-        """Whether the adapter is gone from the host; then everything on its way is lost."""
+        """Return whether the adapter is unplugged; then all bytes on the wire are lost."""
         self.faults.update(now)
         if self.faults.unplugged:
-            self.forget()
+            self._waiting.clear()
+            self._size = 0
+            for parser in self._parsers.values():
+                parser.reset()
         return self.faults.unplugged
 
-    def forget(self) -> None:
-        """Drop everything that is on its way."""
-        self._waiting.clear()
-        self._size = 0
-        for parser in self._parsers.values():
-            parser.reset()
-
     def _carry(self, piece: bytes, start: float) -> float:
-        """Pass a piece, with its faults, to the devices, on the wire from `start` on; return its end, s."""
+        """Pass a piece with its faults to the devices, from `start` on; return its end, s."""
         at = start
         for part in self.faults.to_servos(piece):
             at += part.delay
@@ -172,7 +162,7 @@ class Line:
         return at
 
     def _execute(self, protocol: int, frame: WireFrame, end: float) -> None:
-        # Only devices that are awake, and at the speed of the host, receive what it sends.
+        # Only devices that are awake and at the baud rate of the host receive it.
         lowest, highest = self.baud * (1.0 - BAUD_TOLERANCE), self.baud * (1.0 + BAUD_TOLERANCE)
         listeners = [
             device
@@ -190,7 +180,7 @@ class Line:
             self._send_replies(replies, end)
 
     def _send_replies(self, replies: Sequence[Reply], end: float) -> None:
-        """Put answers on the wire, one after the other, from `end` of the instruction on."""
+        """Put answers on the wire, one after the other, from the `end` of the instruction on."""
         timing, faults = self.timing, self.faults
         at = max(end, self.servos_free)
         if timing.instant and not faults.spoil:
@@ -221,6 +211,6 @@ class Line:
 
 
 def pieces(data: bytes) -> list[bytes]:
-    """Split before each header of protocol 2.0: stuffing keeps headers out of frames, so each piece ends a frame."""
+    """Split before each header of protocol 2.0. Stuffing keeps headers out of frames, so each piece ends a frame."""
     before, *framed = data.split(protocol2.HEADER)
     return ([before] if before or not framed else []) + [protocol2.HEADER + rest for rest in framed]

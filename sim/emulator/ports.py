@@ -1,4 +1,4 @@
-"""Ports to a line of emulated devices: inside this process on any clock, or as a pseudo-terminal with a link."""
+"""Ports to a line of emulated devices: in this process on any clock, or as a pseudo-terminal with a link."""
 
 import array
 import fcntl
@@ -19,8 +19,7 @@ from sim.emulator.line import Line, pieces
 
 
 class EmulatedPort:
-    """A `hardware.dynamixel.serial_port.BytePort` on a given clock. On a virtual one waiting takes no time, and several
-    ports may share it; on a real one waiting sleeps."""
+    """A `hardware.dynamixel.serial_port.BytePort` on a virtual clock, which several ports may share, or a real one."""
 
     def __init__(self, line: Line, clock: Clock, *, name: str = "emulator") -> None:
         self._line, self._clock, self.name = line, clock, name
@@ -28,16 +27,16 @@ class EmulatedPort:
 
     @property
     def baud(self) -> int:
-        """Bits per second of the host's side."""
+        """Baud rate of the host, bits/s."""
         return self._line.baud
 
     @property
     def latency(self) -> float:
-        """Time in s that the emulated adapter keeps what has arrived."""
+        """Latency of the emulated adapter, s."""
         return self._line.timing.latency
 
     def open(self, baud: int) -> None:
-        """Open it. Raises BusError when it is open already."""
+        """Open it. Raises BusError if it is open."""
         if self._open:
             raise BusError(
                 describe(what="the port is busy", where=self.name, then="Close what else uses it, then try again")
@@ -46,7 +45,7 @@ class EmulatedPort:
         self.set_baud(baud)
 
     def set_baud(self, baud: int) -> None:
-        """Change the host's speed; the devices keep theirs."""
+        """Change the baud rate of the host; the devices keep theirs."""
         self._require("set the baud rate")
         if baud <= 0:
             raise BusError(describe(what="no such baud rate", where=self.name, found=baud, allowed="above 0"))
@@ -54,18 +53,18 @@ class EmulatedPort:
         self.drop()
 
     def write(self, data: bytes) -> None:
-        """Send; the line receives it now."""
+        """Send bytes, which the line receives now."""
         self._require("write")
         if data:
             self._line.receive(data, self._clock.now())
 
     def read(self) -> bytes:
-        """What has arrived by now."""
+        """Return the bytes that have arrived."""
         self._require("read")
         return self._line.take(self._clock.now())
 
     def wait(self, deadline: float) -> bool:
-        """Sleep until something has arrived (True) or until `deadline`."""
+        """Sleep until bytes have arrived (True) or until `deadline`, s."""
         self._require("wait")
         due = self._line.next_due
         self._clock.sleep_until(deadline if due is None else min(due, deadline))
@@ -73,7 +72,7 @@ class EmulatedPort:
         return due is not None and due <= self._clock.now()
 
     def drop(self) -> None:
-        """Forget what has arrived."""
+        """Drop the bytes that have arrived."""
         self._require("drop")
         self._line.take(self._clock.now())
 
@@ -99,23 +98,21 @@ class EmulatedPort:
             )
 
 
-# A symlink to a pseudo-terminal: made and moved in one step. It replaces nothing but what a killed emulator left.
-
 _TERMINALS = re.compile(r"/dev/pts/\d+")
-"""Where links of this kind lead."""
+"""Targets of links."""
 
 
 class Link:
-    """A path by which clients know a line, whatever pseudo-terminal is behind it."""
+    """A symlink by which clients find the pseudo-terminal of a line."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._target: str | None = None
 
     def check(self) -> None:
-        """Raise UsageError when no link can be made here: no such folder, or something is here.
+        """Raise UsageError if no link can be made here: no such folder, or the path is taken.
 
-        A link to a pseudo-terminal that is gone was left by an emulator that was killed, and may be replaced.
+        A link to a pseudo-terminal that is gone is of an emulator that was killed, and may be replaced.
         """
         folder, where = self.path.parent, str(self.path)
         if not os.access(folder, os.W_OK | os.X_OK):
@@ -147,44 +144,42 @@ class Link:
         self._target = target
 
     def remove(self) -> None:
-        """Remove the link if it still leads where `point` set it."""
+        """Remove the link if it still has the target of `point`."""
         with suppress(OSError):
             if self._target is not None and os.readlink(self.path) == self._target:  # noqa: PTH115 - as text, unchanged
                 self.path.unlink()
         self._target = None
 
 
-# A line of emulated devices behind a pseudo-terminal: any program that opens a serial port can talk to it (Linux).
-
 CHUNK = 4096
-"""Most bytes that are read at once; the kernel keeps no more."""
+"""Bytes that are read at once: the buffer of the kernel."""
 TOO_LATE = 2e-3
-"""A process that is later than this, s, may be why a client asks again: its answer takes longer than on a real bus."""
+"""A process that is later than this, s, answers later than a real bus, so that a client may send again."""
 HOPELESS = 20e-3
-"""No client waits so long for an answer, s."""
+"""Longer than any client waits for an answer, s."""
 _TCGETS2, _SPEED_WORD = 0x802C542A, 10
-"""Linux's ioctl that reads the speed that a client has set, and its index in the answer."""
+"""The ioctl of Linux that reads the baud rate of the client, and its index in the answer."""
 
 
 class PseudoTerminal:
-    """One line and its link. Call `receive` when its `fd` has bytes, `send` when some are due, `follow` when a fault
-    may have unplugged or replugged the adapter: then a new pseudo-terminal is behind the same link."""
+    """A line behind a pseudo-terminal and its link: any program can open it as a serial port (Linux).
+
+    Call `receive` when `fd` has bytes, `send` when some are due, `follow` when a fault may have unplugged or replugged
+    the adapter. fd: -1 while unplugged. path: of the pseudo-terminal. lost: bytes that the kernel did not take because
+    no client reads. too_late: by how much an answer was too late for its client, s: the most since this was last 0.
+    """
 
     def __init__(self, line: Line, link: Link) -> None:
         self.line, self.link = line, link
         self.fd = -1
-        """What to wait on; -1 while unplugged."""
         self.path = ""
-        """The pseudo-terminal itself."""
         self.lost = 0
-        """Bytes that the kernel did not take because no client reads."""
         self.too_late = 0.0
-        """By how much an answer was too late for its client, s: the most since this was last 0."""
         self._client = -1
         self._speed = array.array("I", bytes(44))
 
     def open(self) -> None:
-        """Make the pseudo-terminal and let the link lead to it. Raises UsageError, HardwareError."""
+        """Make the pseudo-terminal and its link. Raises UsageError, HardwareError."""
         self.link.check()
         try:
             master, client = os.openpty()
@@ -192,7 +187,7 @@ class PseudoTerminal:
             raise HardwareError(
                 describe(what=f"no pseudo-terminal is to be had: {error.strerror}", where=str(self.link.path))
             ) from None
-        # The client's side stays open here as well: else a client that closes it would hang up the line.
+        # The side of the client stays open here, so that a client that closes it does not hang up the line.
         self.fd, self._client = master, client
         try:
             tty.setraw(client, termios.TCSANOW)
@@ -204,7 +199,7 @@ class PseudoTerminal:
             raise
 
     def close(self) -> None:
-        """Hang up, and take the link away."""
+        """Hang up, and remove the link."""
         self.link.remove()
         for fd in (self._client, self.fd):
             if fd >= 0:
@@ -212,18 +207,16 @@ class PseudoTerminal:
         self.fd = self._client = -1
 
     def receive(self, now: float, late: float = 0.0) -> None:
-        """Pass what the client has written to the line, at the client's speed. late: how long that may have waited for
-        this process, s.
+        """Pass the bytes of the client to the line, at its baud rate. late: how long they may have waited, s.
 
-        A client that asks again while servos answer collides with them. But where this process is late, the client was
-        not: it had waited in vain, so its bytes come after the answer, and `too_late` notes by how much that was too
-        late.
+        A client that sends again while servos answer collides with them. If this process is late, though, the client
+        has waited in vain: its bytes come after the answer, and `too_late` is updated.
         """
         try:
             data = os.read(self.fd, CHUNK)
         except (BlockingIOError, InterruptedError):
             return
-        # A lock that a client has set would outlive it, since this side stays open: it is undone.
+        # A lock of a client would outlive it, since this side stays open: it is undone.
         fcntl.ioctl(self._client, termios.TIOCNXCL)
         fcntl.ioctl(self._client, _TCGETS2, self._speed)
         self.line.baud = self._speed[_SPEED_WORD] or 1
@@ -234,7 +227,7 @@ class PseudoTerminal:
             self.line.receive(piece, now)
 
     def send(self, now: float) -> None:
-        """Pass to the client what has arrived by `now`. What it does not take is lost, as in a real adapter."""
+        """Pass the bytes that are due by `now` to the client. Those that it does not take are lost."""
         due = self.line.next_due
         if due is not None and now - due > HOPELESS:
             self.too_late = max(self.too_late, now - due)
@@ -247,14 +240,14 @@ class PseudoTerminal:
 
     @property
     def next_due(self) -> float:
-        """Time, s, at which it is to send, or a fault begins or ends; inf: never."""
+        """Time of the next send, or begin or end of a fault, s; inf: never."""
         due = self.line.last_due_within(min(BATCH, self.line.timing.latency))
         change = self.line.faults.next_change
         return min(math.inf if due is None else due - EARLY, math.inf if change is None else change)
 
     def follow(self, now: float) -> None:
-        """Hang up while the line is unplugged, and open again when it is back. Raises UsageError where the path of the
-        link was taken meanwhile."""
+        """Hang up while the line is unplugged, and open again afterwards. Raises UsageError if the path of the link was
+        taken meanwhile."""
         gone = self.line.unplugged(now)
         if gone and self.fd >= 0:
             self.close()
@@ -262,14 +255,10 @@ class PseudoTerminal:
             self.open()
 
 
-# Serving lines on pseudo-terminals until the caller stops it; it sleeps whenever nothing is due.
-
 EARLY = 120e-6
-"""What is due within so many s is not slept for: a timer is no finer than 50 us, and a round trip through a
-pseudo-terminal takes some 70 us, which no adapter has."""
+"""Bytes are sent so early, s: a timer is no finer than 50 us, and a pseudo-terminal takes some 70 us."""
 BATCH = 0.3e-3
-"""Answers that come within so many s of each other, and no more than the adapter's latency, are handed over together,
-when the last of them is due: an adapter passes packets on, not bytes."""
+"""Answers within so many s, and within the latency, are passed on together, as an adapter passes on packets."""
 LONGEST_SLEEP = 3600.0
 """Longest single sleep, s."""
 WARN_AGAIN = 1.0
@@ -287,9 +276,9 @@ def serve(
 ) -> None:
     """Serve opened terminals until `until()` or the `deadline`, s on the clock.
 
-    listen: further file descriptors and what to call when they have something; one whose call returns False is at its
-    end and is not waited for any more. A signal is noticed when a descriptor becomes readable by it
-    (signal.set_wakeup_fd). warn: receives what to say when this machine is too slow, at most every WARN_AGAIN s.
+    listen: further file descriptors and functions to call when they are readable; one that returns False is not called
+    again. A signal is noticed by a descriptor (signal.set_wakeup_fd). warn: receives messages that this machine is too
+    slow, at most every WARN_AGAIN s.
     """
     others = dict(listen or {})
     warned, turned, waited = -math.inf, clock.now(), time_in_queue()
@@ -321,7 +310,7 @@ def serve(
 
 
 def time_in_queue() -> float:
-    """Return how long this thread has waited for a processor since it began, s; 0 where Linux does not say."""
+    """Return how long this thread has waited for a processor since it began, s; 0 if Linux does not report it."""
     with suppress(OSError, ValueError, IndexError):
         return 1e-9 * int(Path("/proc/thread-self/schedstat").read_bytes().split()[1])
     return 0.0

@@ -36,14 +36,14 @@ class Supply:
 class ServoElectrics:
     """Current (A), voltage (V) and temperature (degrees Celsius) of one servo of `nominal` V.
 
-    `turn` rad per tick and `top` tick/s say what its speed means; `set_voltage` and `set_heat` override the model.
+    turn: rad per tick; top: tick/s. current is positive, with the sign in `direction`. set_voltage and set_heat
+    override the model.
     """
 
     def __init__(self, supply: Supply, nominal: float, *, turn: float, top: float, warmth: float = AMBIENT) -> None:
         self.nominal = nominal
         self.temperature = warmth
         self.current = 0.0
-        """Always positive; the direction is `direction`."""
         self.direction = 1.0
         self.set_voltage: float | None = None
         self.set_heat: float | None = None
@@ -62,12 +62,12 @@ class ServoElectrics:
 
     @property
     def supplied(self) -> float:
-        """Supply as a share of the nominal voltage, sag left out, so that a shaft moves as on the mock bus."""
+        """Supply as a share of the nominal voltage, without sag, so that a shaft moves as on the mock bus."""
         return 1.0 if self.set_voltage is None else max(self.set_voltage, 0.0) / self.nominal
 
     @property
     def overloaded(self) -> bool:
-        """Whether the motor has held too much for too long."""
+        """True if the effort has been too high for too long."""
         return self._overload.held >= OVERLOAD_TIME
 
     @property
@@ -81,14 +81,16 @@ class ServoElectrics:
         self.current = current
 
     def rest(self, now: float) -> None:
-        """Begin anew at `now` (s), without overload, after a start."""
+        """Begin again at `now` (s), without overload, after a start."""
         self.time = now
         self._velocity = 0.0
         self._overload.held = 0.0
 
     def advance(self, now: float, velocity: float, *, effort: float, torque: bool, motor: float | None = None) -> None:
-        """Move on to `now` (s), where the shaft turns at `velocity` tick/s and the motor holds `effort` of its stall
-        torque. motor: its current, A, signed, where that is known. Call it no more often than every WINDOW."""
+        """Go on to `now` (s), where the shaft turns at `velocity` tick/s with `effort` as a share of stall torque.
+
+        motor: its signed current, A, where that is known. Call it no more often than every WINDOW.
+        """
         elapsed = now - self.time
         if elapsed <= 0.0:
             return

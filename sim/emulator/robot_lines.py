@@ -1,4 +1,4 @@
-"""The emulated buses of a robot: the servos of its profile, and the other devices that it expects on them."""
+"""The emulated buses of a robot: the servos of its profile, and the other devices on its buses."""
 
 import random
 from collections.abc import Collection, Mapping, Sequence
@@ -21,9 +21,7 @@ from sim.emulator.servo_body import ServoBuild
 from sim.imu import ImuStandIn
 from sim.servo_model import AMBIENT
 
-# The emulated servos of a robot's profile.
-
-WARMER = 3.0  # [degrees Celsius] most by which a servo is above the room at first
+WARMER = 3.0  # [degrees Celsius] most by which a servo is warmer than the room at first
 
 
 def devices_of(
@@ -40,9 +38,9 @@ def devices_of(
 ) -> tuple[EmulatedServo | EmulatedServo1, ...]:
     """Return one device per servo, in order, with id, mode and homing offset of the profile, all else as delivered.
 
-    By bus: `protocols` 1 or 2, `bauds` bits/s and `return_delays` register value, where given. start: ticks (n,), None:
-    zero ticks. conduct: None: the usual. as_delivered: id, mode and offset are the maker's, too. All share one supply.
-    Raises HardwareError for a model without a table and a baud that it lacks.
+    By bus: protocols 1 or 2; bauds: bits/s; return_delays: register values. start: ticks (n,), None: zero ticks.
+    as_delivered: id, mode and offset are the maker's, too. All share one supply. Raises HardwareError for a model
+    without a table and a baud rate that it lacks.
     """
     chance = random.Random(seed)
     shared, behaviour = Supply(), conduct or Conduct()
@@ -85,12 +83,12 @@ def robot_lines(
     as_delivered: bool = False,
     imu: ImuStandIn | None = None,
 ) -> dict[str, Line]:
-    """A line for each bus, by its name. start: ticks (n,), in the order of `servos`; now: s, from which faults count.
+    """Return a line for each bus, by its name. start: ticks (n,), in the order of `servos`; now: s, from which faults
+    count.
 
-    Servos are set up as the profile says; ids that no servo has are controllers such as the OpenCR of an OP3. powered:
-    whether the one with the power switch has it on at first. conduct: None: the usual. as_delivered: servos are new,
-    and none is connected (see `connect`). imu: of the controllers; None: upright and still. Raises HardwareError for
-    what a model cannot be.
+    Servos have the settings of the profile; other ids are controllers such as the OpenCR of an OP3. powered: the power
+    switch is on at first. as_delivered: servos are new, and none is connected (see `connect`). imu: of the controllers;
+    None: upright and still. Raises HardwareError as `devices_of`.
     """
     devices = devices_of(
         servos,
@@ -118,22 +116,15 @@ def robot_lines(
         faults = () if plan is None else plan.of_bus(bus.name)
         origin_seed = f"{seed if plan is None else plan.seed} {bus.name}"
         state = FaultState(on_bus, faults=faults, origin=now, seed=origin_seed)
-        lines[bus.name] = Line(
-            on_bus,
-            baud=bus.baud,
-            timing=timing,
-            conduct=conduct,
-            faults=state,
-            seed=seed,
-        )
+        lines[bus.name] = Line(on_bus, baud=bus.baud, timing=timing, conduct=conduct, faults=state, seed=seed)
     if as_delivered:
         connect(lines, servos, ())
     return lines
 
 
 def connect(lines: Mapping[str, Line], servos: Sequence[ServoSpec], joints: Collection[str]) -> None:
-    """Leave the servos of these joints alone on the wires, beside the devices that are no servos. lines: of the robot
-    with these `servos`, by bus."""
+    """Connect only the servos of these joints, beside the devices that are no servos. lines: of the robot with these
+    `servos`, by bus."""
     for name, line in lines.items():
         own = [servo.joint for servo in servos if servo.bus == name]
         chosen = [device for joint, device in zip(own, line.devices, strict=False) if joint in joints]

@@ -1,9 +1,9 @@
 """The shaft of an emulated servo: its profile generator, and its motion under control loop, limits and a load.
 
-All in the servo's own ticks and sense of rotation. The motor has no inertia: its speed is its drive's share of full
-drive times the top speed. In the plain case - position loop, no profile, no I gain - the motion is exact over any time
-and the same as `sim.servo_model.saturated_lag`; otherwise it goes in steps, at most MAX_STEPS per call, each exact for
-a goal that moves evenly.
+Positions are in the servo's own ticks and direction. The motor has no inertia: its speed is the share of full drive
+times the top speed. With a position loop, no profile and no I gain the motion is exact over any time, as that of
+`sim.servo_model.saturated_lag`. Otherwise it goes in at most MAX_STEPS steps per call, each exact for a goal of
+constant speed.
 """
 
 import math
@@ -14,17 +14,15 @@ from typing import NamedTuple, Protocol
 from retarget.arithmetic import exp
 from sim.servo_model import FRICTION_CURRENT, LARGEST_CURRENT, SPEED_CURRENT
 
-# The profile generator of a servo: how its goal travels from where it is to a new goal position.
-#
-# Source: e-Manual, Profile Velocity (112), Profile Acceleration (108), Drive Mode (10) bit 2. A new goal on the way
-# starts from the velocity that the old path has at that moment.
+# The profile generator (e-Manual, Profile Velocity 112, Profile Acceleration 108, Drive Mode 10). A new goal during a
+# profile starts from its present velocity.
 
 NO_PROFILE, RECTANGLE, TRIANGLE, TRAPEZOID = range(4)
-"""Kinds of profile, as Moving Status (123) shows them in bits 4 and 5."""
+"""Kinds of profile in bits 4 and 5 of Moving Status (123)."""
 
 
 class PathSegment(NamedTuple):
-    """A stretch of constant acceleration: duration s, and what holds at its start, tick, tick/s, tick/s^2."""
+    """A segment of constant acceleration: duration s; its start, tick, tick/s, tick/s^2."""
 
     duration: float
     position: float
@@ -41,7 +39,7 @@ class Point(NamedTuple):
 
 
 class ProfilePath:
-    """Phases that begin at time `start` s and end at rest at `goal` (tick). `kind`: what Moving Status calls it."""
+    """Segments from time `start` s to rest at `goal` (tick) at time `end` s. kind: as in Moving Status."""
 
     def __init__(self, goal: float, start: float, phases: tuple[PathSegment, ...], kind: int) -> None:
         self.goal = goal
@@ -49,10 +47,9 @@ class ProfilePath:
         self._start = start
         self._phases = phases
         self.end = start + math.fsum(phase.duration for phase in phases)
-        """When it reaches its goal, s."""
 
     def at(self, now: float) -> Point:
-        """Return where the path is at `now` (s); its goal, at rest, from its end on."""
+        """Return the point of the path at `now` (s); its goal, at rest, from its end on."""
         if now >= self.end:
             return Point(self.goal, 0.0, 0.0)
         left = now - self._start
@@ -68,16 +65,18 @@ class ProfilePath:
 def path_by_velocity(
     goal: float, *, position: float, velocity: float, top: float, acceleration: float, now: float
 ) -> ProfilePath:
-    """Return the path to `goal` (tick) from `position` (tick) at `velocity` (tick/s), never faster than `top` (tick/s)
-    once it has slowed down to that; `acceleration` tick/s^2, 0: without bound (rectangle). `top` above 0."""
-    way = goal - position
+    """Return the path to `goal` (tick) from `position` (tick) at `velocity` (tick/s).
+
+    top: greatest speed, above 0, tick/s. acceleration: tick/s^2, 0: unbounded (rectangle).
+    """
+    distance = goal - position
     if acceleration <= 0.0:
-        speed = math.copysign(top, way)
-        return ProfilePath(goal, now, (PathSegment(abs(way) / top, position, speed, 0.0),), RECTANGLE)
-    # Where it would stop if it braked at once decides the direction of travel.
-    beyond = way - 0.5 * velocity * abs(velocity) / acceleration
+        speed = math.copysign(top, distance)
+        return ProfilePath(goal, now, (PathSegment(abs(distance) / top, position, speed, 0.0),), RECTANGLE)
+    # The stop of immediate braking decides the direction of travel.
+    beyond = distance - 0.5 * velocity * abs(velocity) / acceleration
     side = math.copysign(1.0, beyond)
-    along, speed = side * way, side * velocity  # seen in the direction of travel
+    along, speed = side * distance, side * velocity  # seen in the direction of travel
     peak = math.sqrt(max(acceleration * along + 0.5 * speed * speed, 0.0))
     kind = TRAPEZOID if peak > top else TRIANGLE
     peak = min(peak, top)
@@ -92,8 +91,10 @@ def path_by_velocity(
 def path_by_time(
     goal: float, *, position: float, velocity: float, total: float, ramp: float, now: float
 ) -> ProfilePath:
-    """Return the path to `goal` (tick) from `position` (tick) at `velocity` (tick/s) that takes `total` s, `ramp` s of
-    them to speed up and as long to slow down: at most half of it (e-Manual). `total` above 0."""
+    """Return the path to `goal` (tick) from `position` (tick) at `velocity` (tick/s) in `total` s, above 0.
+
+    ramp: time to speed up, and to slow down, at most half of `total` (e-Manual), s.
+    """
     ramp = min(ramp, 0.5 * total)
     cruise = total - 2.0 * ramp
     peak = (goal - position - 0.5 * velocity * ramp) / (total - ramp)
@@ -109,7 +110,7 @@ def _three(
     now: float,
     kind: int,
 ) -> ProfilePath:
-    """Ramp from `at` (tick, tick/s) to the velocity `peak`, cruise, brake to rest."""
+    """Return the path that ramps from `at` (tick, tick/s) to the velocity `peak`, cruises and brakes to rest."""
     position, velocity = at
     ramp, cruise, brake = durations
     phases: list[PathSegment] = []
@@ -124,13 +125,11 @@ def _three(
     return ProfilePath(goal, now, tuple(phases), kind)
 
 
-# The law of `sim.servo_model.saturated_lag` for one servo, in plain floats: a bus asks one servo at a time, often.
-
-
 def follow(error: float, lag: float, top: float, elapsed: float) -> tuple[float, float]:
-    """Return the error (tick) and the velocity (tick/s) that are left `elapsed` s after an `error` (tick).
+    """Return error (tick) and velocity (tick/s) `elapsed` s after an `error` (tick).
 
-    d/dt x = clip((goal - x) / lag, -top, top); `lag` s, above 0, `top` tick/s, above 0. Exact for any `elapsed`.
+    d/dt x = clip((goal - x) / lag, -top, top), `lag` s and `top` tick/s above 0: `sim.servo_model.saturated_lag` in
+    plain floats for one servo.
     """
     speed = error / lag
     if -top <= speed <= top:
@@ -144,13 +143,13 @@ def follow(error: float, lag: float, top: float, elapsed: float) -> tuple[float,
     return left, left / lag
 
 
-STEP = 4e-3  # [s] longest step, while a call spans less than MAX_STEPS of them
-MAX_STEPS = 250  # in a call: one second of STEP; where more time has passed, steps are longer
+STEP = 4e-3  # [s] longest step of a call that spans less than MAX_STEPS of them
+MAX_STEPS = 250  # in a call: one second of STEP
 SPEED_LAG = 0.02  # [s] of the loops of velocity, current and PWM
 
 
 class Law(Enum):
-    """What the servo controls."""
+    """The quantity that the servo controls."""
 
     POSITION = auto()
     VELOCITY = auto()
@@ -159,10 +158,10 @@ class Law(Enum):
 
 
 class Mechanics(Protocol):
-    """What turns a shaft in place of the motion here: a simulation with mass, say."""
+    """Turns a shaft instead of the motion here, as a simulation with mass does."""
 
     def follow(self, shaft: "Shaft", now: float) -> tuple[float, float]:
-        """Go on to `now` (s); return the position that the shaft has then, tick, and its velocity, tick/s."""
+        """Go on to `now` (s); return the position of the shaft, tick, and its velocity, tick/s."""
 
     def effort(self, shaft: "Shaft") -> float:
         """Return the torque of the motor as a share of its stall torque, signed."""
@@ -172,40 +171,32 @@ class Mechanics(Protocol):
 
 
 class Shaft:
-    """Position of the shaft, and its goal. `top`: no-load speed in tick/s at full drive.
+    """Position of the shaft, tick, and its goal. Set attributes only at the time of the last `advance`, then `refresh`.
 
-    Set attributes only at the time that `advance` last reached, then call `refresh`.
+    lag: of the position loop, s; inf without a P gain. integral: I over P gain, 1/s. forward: first feedforward over P
+    gain, s. full: no-load speed at full drive and the present supply, tick/s. drive_limit: share of full drive.
+    current_limit: A. target: goal position, tick. speed: goal of the other laws: velocity tick/s, current A, or share
+    of full drive. ramp: acceleration towards a goal velocity, tick/s^2. mechanics: turns it; None: the motion here.
     """
 
     def __init__(self, position: float, top: float) -> None:
         self.position = position
         self.velocity = 0.0
-        """tick/s."""
         self.torque = False
         self.law = Law.POSITION
         self.lag = 0.045
-        """Of the position loop at the present supply, s; inf without a P gain."""
         self.integral = 0.0
-        """I gain over P gain, 1/s."""
         self.forward = 0.0
-        """First feedforward gain over P gain, s."""
         self.full = top
-        """No-load speed at full drive and the present supply, tick/s."""
         self.drive_limit = 1.0
-        """Share of full drive that the PWM limits leave."""
         self.current_limit = inf
-        """Most current that the loop may use, A."""
         self.stuck = False
         self.target = position
-        """Goal position, tick."""
         self.speed = 0.0
-        """Goal of the other laws: velocity tick/s, current A, or share of full drive."""
         self.ramp = inf
-        """Acceleration towards a goal velocity, tick/s^2."""
         self.path: ProfilePath | None = None
         self.time = 0.0
         self.mechanics: Mechanics | None = None
-        """What turns it; None: the motion here."""
         self._bias = 0.0  # [tick] error that the I gain adds
         self._reference = 0.0  # [tick/s] where the ramp of the velocity law is
         self._plain = False
@@ -213,7 +204,7 @@ class Shaft:
         self.refresh()
 
     def refresh(self) -> None:
-        """Take note of changed attributes."""
+        """Apply changed attributes."""
         # Friction takes all of the current limit at this share of the top speed.
         share = min(max((self.current_limit - FRICTION_CURRENT) / SPEED_CURRENT, 0.0), 1.0)
         self._top = self.full * self.drive_limit * share
@@ -233,7 +224,7 @@ class Shaft:
             self.velocity = 0.0
 
     def advance(self, now: float) -> None:
-        """Move on to `now` (s); a time that has passed changes nothing."""
+        """Go on to `now` (s); an earlier time changes nothing."""
         elapsed = now - self.time
         if elapsed <= 0.0:
             return
@@ -248,7 +239,7 @@ class Shaft:
             self._in_steps(now, elapsed)
 
     def effort(self) -> float:
-        """Torque of the motor as a share of its stall torque, signed: what it holds against a jam."""
+        """Return the torque of the motor against a jam as a signed share of its stall torque."""
         if self.mechanics is not None:
             return self.mechanics.effort(self)
         if not self.torque or not self.stuck:
@@ -257,15 +248,15 @@ class Shaft:
         return min(max(self.drive(), -most, -1.0), most, 1.0)
 
     def drive(self) -> float:
-        """Present drive as a share of full drive, signed."""
+        """Return the present drive as a signed share of full drive."""
         if not self.torque or self.full <= 0.0:
             return 0.0
         if not self.stuck:
             return min(max(self.velocity / self.full, -self.drive_limit), self.drive_limit)
-        return min(max(self._asked_speed() / self.full, -self.drive_limit), self.drive_limit)
+        return min(max(self._desired_speed() / self.full, -self.drive_limit), self.drive_limit)
 
     def trajectory(self) -> tuple[float, float]:
-        """Position and speed of the motion profile, (tick, tick/s)."""
+        """Return position and speed of the profile, (tick, tick/s)."""
         if self.law is not Law.POSITION:
             return self.position, self._reference if self.law is Law.VELOCITY else self.velocity
         if self.path is None:
@@ -280,8 +271,8 @@ class Shaft:
         self.speed = 0.0
         self.refresh()
 
-    def _asked_speed(self) -> float:
-        """Speed, tick/s, that the law asks for, before any limit."""
+    def _desired_speed(self) -> float:
+        """Return the speed of the law before any limit, tick/s."""
         if self.law is Law.POSITION:
             place, speed = self.trajectory()
             return (place - self.position + self._bias + self.forward * speed) / self.lag
@@ -293,7 +284,6 @@ class Shaft:
         return self.full * min(beyond, 1.0) * (1.0 if self.speed >= 0.0 else -1.0)
 
     def _in_steps(self, now: float, elapsed: float) -> None:
-        """Move on by `elapsed` s that end at `now`."""
         count = min(ceil(elapsed / STEP), MAX_STEPS)
         step = elapsed / count
         for index in range(count):
@@ -306,13 +296,12 @@ class Shaft:
         self._end_path(now)
 
     def _end_path(self, now: float) -> None:
-        """Forget a profile that is over."""
         if self.path is not None and now >= self.path.end:
             self.path = None
             self.refresh()
 
     def _follow_path(self, start: float, step: float) -> None:
-        """One step of the position loop."""
+        """Do a step of the position loop."""
         begin, end = self.target, self.target
         speed = 0.0
         if self.path is not None:
@@ -334,11 +323,11 @@ class Shaft:
         self.position += moved
 
     def _follow_speed(self, step: float) -> None:
-        """One step of the velocity, current and PWM laws."""
+        """Do a step of the velocity, current and PWM laws."""
         if self.law is Law.VELOCITY:
             change = min(max(self.speed - self._reference, -self.ramp * step), self.ramp * step)
             self._reference += change
-        asked = min(max(self._asked_speed(), -self._top), self._top)
+        desired = min(max(self._desired_speed(), -self._top), self._top)
         keep = exp(-step / SPEED_LAG)
-        self.position += asked * step + (self.velocity - asked) * SPEED_LAG * (1.0 - keep)
-        self.velocity = asked + (self.velocity - asked) * keep
+        self.position += desired * step + (self.velocity - desired) * SPEED_LAG * (1.0 - keep)
+        self.velocity = desired + (self.velocity - desired) * keep

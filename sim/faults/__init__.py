@@ -1,1 +1,1 @@
-"""Faults of a live run as a table, injected into the real pipeline above the bytes of emulated servos."""
+"""A table of faults, injected into live runs of the real pipeline above emulated servos, and their judge."""
