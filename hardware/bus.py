@@ -99,7 +99,7 @@ class ServoBus(Protocol):
         """Send goal positions, without acknowledgement."""
 
     def limit_drive(self, share: float) -> None:
-        """Limit servos with torque to a share (0, 1] of their full drive, without acknowledgement."""
+        """Limit servos with torque to a share (0, 1] of their drive, without acknowledgement."""
 
     def torque(self, on: bool) -> None:
         """Switch the torque of all servos. Raises BusError naming those that did not confirm."""
@@ -128,7 +128,7 @@ MAX_RETURN_DELAY = 508e-6  # [s]
 
 @dataclass(frozen=True)
 class PowerSwitch:
-    """Switch of the servos' power: byte `register` of device `id` := `value`. wait: start-up time, s."""
+    """Switch of the servos' power: byte `register` of device `id` := `value`. wait: s."""
 
     id: int
     register: int
@@ -138,8 +138,8 @@ class PowerSwitch:
 
 @dataclass(frozen=True)
 class BusSpec:
-    """One bus of a robot. ids: of all devices. watchdog: time without an instruction, s, after which a servo stops; 0:
-    off (the older layout has none). return_delay: pause before an answer, s."""
+    """One bus of a robot. watchdog: time without an instruction, s, after which a servo stops; 0: off (the older layout
+    has none). return_delay: pause before an answer, s."""
 
     name: str
     port: str

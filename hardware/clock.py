@@ -12,7 +12,7 @@ class Clock(Protocol):
         """Return the time, s, from an arbitrary fixed origin."""
 
     def sleep_until(self, deadline: float) -> None:
-        """Return at `deadline`, s, or at once if it has passed."""
+        """Return at `deadline`, s."""
 
     def idle(self) -> float:
         """Return the time, s, during which this process used no processor."""
@@ -115,7 +115,7 @@ class TickTiming:
         return self._late > LOST
 
     def begin(self, now: float) -> float:
-        """Note a tick at `now`, s. Return the time since the previous one, s; 0 for the first."""
+        """Note a tick at `now`, s. Return the time since the previous one, s."""
         pause = 0.0 if self._begun is None else now - self._begun
         self._begun = now
         periods = pause / self._period

@@ -11,7 +11,7 @@ class StopCategory(IntEnum):
     TORQUE_OFF = 0
     """At once: the robot cannot brake."""
     BRAKE_AND_TORQUE_OFF = 1
-    """The robot brakes, goes to rest if it may, and torque goes off."""
+    """The robot brakes, goes to rest if it may, then torque goes off."""
     HOLD = 2
     """The robot brakes and stands with torque."""
 
@@ -70,7 +70,7 @@ class GuardLimits:
     holds. max_pause: s between ticks. max_temperature: degrees Celsius. voltage: lowest and highest, V.
     following_error: rad of the joint, at once; sustained_error: for sustained_time, s. max_current: A, for
     current_time, s. lag: time constants of the position loops, s (n,), from whose response errors count. warn_...:
-    warning levels. slow_share: speed override above those of temperature and current. limbs (n,): servos without which
+    warning levels. slow_share: speed override during a warning that slows the robot. limbs (n,): servos without which
     the robot goes to rest.
     """
 

@@ -4,7 +4,7 @@ A servo under a steady load warms as a first-order lag with time constant tau:
 
   T(t) = T_end - (T_end - T) exp(-t / tau),    T_end = T + tau dT/dt
 
-It reaches W after tau ln((T_end - T) / (T_end - W)), or never if T_end is below W.
+It reaches W after tau ln((T_end - T) / (T_end - W)), or never.
 """
 
 from dataclasses import dataclass

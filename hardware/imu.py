@@ -16,7 +16,7 @@ GRAVITY = 9.80665
 FRESH = 0.05
 """[s] Age of a valid sample: five frames at 100 Hz, six cycles at 125 Hz."""
 FROZEN = 0.2
-"""[s] Time without a changed bit after which a sensor is frozen."""
+"""[s] A sensor without any changed bit for so long is frozen."""
 FASTEST = math.radians(2000.0)
 """[rad/s] Range of the gyroscopes."""
 STRONGEST = 16.0 * GRAVITY
@@ -55,9 +55,9 @@ class ImuSpec:
 class ImuSample:
     """The newest measurement, along the axes of the sensor's link.
 
-    time: s on the bus's clock; -inf before the first. orientation (4,): wxyz in a world with z up and free yaw; None if
-    the sensor has none. angular_velocity (3,): rad/s. acceleration (3,): specific force, m/s^2, one g upwards at rest.
-    valid: fresh and plausible. age: s.
+    time: s on the bus's clock; -inf before the first. orientation (4,): wxyz in a world with z up and free yaw.
+    angular_velocity (3,): rad/s. acceleration (3,): specific force, m/s^2, one g upwards at rest. valid: fresh and
+    plausible. age: s.
     """
 
     time: float
@@ -80,8 +80,7 @@ class ImuSample:
 
 @dataclass(frozen=True, slots=True)
 class ImuReading:
-    """A measurement along the sensor's axes. orientation: wxyz, z up. angular_velocity: rad/s. acceleration: specific
-    force, m/s^2."""
+    """A measurement along the sensor's axes, in the units of `ImuSample`."""
 
     orientation: Quat | None
     angular_velocity: Vector

@@ -124,11 +124,11 @@ NO_SERVO = -1
 
 
 class JointMap:
-    """Maps arrays whose last axis is the servo order.
+    """Maps arrays whose last axis is the servo order. A column of a coupled pair is one joint in rad, and one of the
+    two servos in ticks.
 
-    A column of a coupled pair is one joint in rad, and one of the two servos in ticks. tick_rad (n,): turn of the joint
-    per tick, rad. Raises HardwareError with all findings when a servo cannot serve its joint, or a joint or (bus, id)
-    is named twice.
+    tick_rad (n,): turn of the joint per tick, rad. Raises HardwareError with all findings when a servo cannot serve its
+    joint, or a joint or (bus, id) is repeated.
     """
 
     def __init__(self, servos: Sequence[ServoSpec]) -> None:

@@ -1,6 +1,6 @@
 """Motors and gears of servos, at the output shaft: rows of `motors.yaml`, else derived from the maker's numbers.
 
-The model is u = R i + kt w, torque = kt i: at supply V it stalls at kt V / R and turns at V / kt at most.
+The model is u = R i + kt w, torque = kt i.
 """
 
 from dataclasses import dataclass
@@ -89,7 +89,7 @@ def drive_numbers(model: ServoModel) -> DriveNumbers:
 
 def _motor_of_line(model: ServoModel, known: _Identified) -> tuple[float, float]:
     """Return kt and R of the motor whose torque falls along the identified line, or faster, so that it turns no faster
-    than its maker says. Without a line it stalls at the maker's torque.
+    than its maker says.
 
     Torque at full drive: kt V / R - (kt^2 / R) x speed, less friction and viscous x speed.
     """

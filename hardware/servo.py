@@ -34,7 +34,7 @@ class ServoCoupling:
 
     @property
     def inverse(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Inverse of the matrix. Raises ZeroDivisionError for a singular one."""
+        """Inverse of the matrix. Raises ZeroDivisionError."""
         (a, b), (c, d) = self.matrix
         size = self.determinant
         return ((d / size, -b / size), (-c / size, a / size))
@@ -64,10 +64,10 @@ class ServoCoupling:
 RPM = 2.0 * math.pi / 60.0  # [rad/s]
 
 MULTI_TURN_REACH = 1_048_575
-"""Largest goal in either direction, ticks, with many turns (e-Manual, register 116)."""
+"""[ticks] Largest goal in either direction, with many turns (e-Manual, register 116)."""
 
 HOMING_REACH = 1024
-"""Largest homing offset in either direction, ticks, within one turn (e-Manual, register 20)."""
+"""[ticks] Largest homing offset in either direction, within one turn (e-Manual, register 20)."""
 
 
 class ServoMode(StrEnum):
@@ -85,8 +85,7 @@ class ServoMode(StrEnum):
 
 @dataclass(frozen=True)
 class ServoStiffness:
-    """Torque per angle that holds a shaft at its goal, N m/rad. nominal: for physics and planning. lowest, highest:
-    published range."""
+    """Torque per angle that holds a shaft at its goal, N m/rad. lowest, highest: published range."""
 
     nominal: float
     lowest: float
@@ -98,7 +97,7 @@ class ServoStiffness:
 
 
 class Layout(Enum):
-    """Layout of a control table: its registers and units of gains. All servos of a bus have one."""
+    """Layout of a control table: its registers and units of gains."""
 
     X = "the layout of the X series"
     """X series, and MX with protocol 2.0."""
@@ -347,5 +346,5 @@ def p_gain(servo: ServoSpec) -> float:
 
 
 def lag_of_gain(model: ServoModel, gain: float) -> float:
-    """Return the time constant, s, with a P `gain` (counts of the X series, above 0)."""
+    """Return the time constant, s, with a P `gain` (counts of the X series)."""
     return full_drive_error(gain) / model.no_load_speed

@@ -125,7 +125,7 @@ class WatchedRow(IntEnum):
 
 def name_servos(servos: Sequence[ServoSpec], row: Watched, which: BoolArray, values: FloatArray) -> str:
     """Name the servos of a mask (n,) with their values (n,), for example: l_el (id 6) OVERLOAD. If all are masked, only
-    their number and range of values are given."""
+    their number and range are given."""
     if which.all() and len(servos) > MOST_OF_ALL:
         found = list(dict.fromkeys(row.in_words(float(value)) for value in np.sort(values)))
         values_text = " and ".join(found) if len(found) < MOST_OF_ALL else f"{found[0]} to {found[-1]}"
@@ -176,8 +176,7 @@ class ServoLevels:
 
 
 class ExpectedRange:
-    """Range of n shafts between the response of a position loop with its lag and the goal, so that a normal lag is no
-    error."""
+    """Range of n shafts between the response of a position loop with its lag and the goal."""
 
     def __init__(self, lag: FloatArray) -> None:
         """lag (n,): s."""
@@ -288,8 +287,8 @@ HIGHEST_ERROR_RATE = 0.6
 class BusHealth:
     """Judges the buses of one robot. On a bus with one servo, the servo's own age counts instead.
 
-    max_silence: s without an answer from a whole bus, during which the robot may hold. limbs (n,): servos that the
-    robot goes to rest without; a bus of these alone is never a lost bus.
+    max_silence: s without an answer from a whole bus, during which the robot may hold. limbs (n,): dispensable servos;
+    a bus of these alone is never lost.
     """
 
     def __init__(self, joint_map: JointMap, max_silence: float, limbs: BoolArray | None = None) -> None:
@@ -379,7 +378,7 @@ class ServoHealth:
 
     def check(self, states: ServoStates, sent: TickArray | None, held: FloatArray | None = None) -> ServoFault | None:
         """Return the gravest fault for which the robot must stop or hold, or None. sent (n,): goal ticks of the last
-        tick. held (n,): joint positions expected under load, rad; None: the goals."""
+        tick. held (n,): rad, expected under load; None: the goals."""
         if self._heat.look(states.time, states.temperature):
             first = self._heat.soonest
             if first is not None and 0.0 < first.left < HEAT_WARNED_S and not self._heat_warned:

@@ -111,7 +111,7 @@ class BusState(Enum):
 
 class DynamixelBus:
     """All buses of a robot. Each cycle sends on every port before it waits on any. Torque comes on by a ramp, after all
-    servos were found and provisioned. notify: receives notes."""
+    servos were provisioned."""
 
     def __init__(
         self,
@@ -182,7 +182,7 @@ class DynamixelBus:
         return self._cycle(request_imu=request)
 
     def write(self, goals: ServoGoals) -> None:
-        """Send goals, one sync write per port. Raises BusError for ticks that a servo does not have."""
+        """Send goals, one sync write per port."""
         self._require_open("write")
         ticks = goals.ticks
         self._map.check_goals(ticks, where="bus, write")

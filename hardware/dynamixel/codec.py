@@ -20,7 +20,7 @@ MAX_ID = 252
 STATUS = 0x55
 """Code of a 2.0 status frame."""
 ALERT = 0x80
-"""Bit 7 of a 2.0 error byte: a Hardware Error Status bit is set. The data are valid."""
+"""Bit 7 of a 2.0 error byte: a hardware error. The data are valid."""
 
 
 class Instruction(IntEnum):
@@ -157,7 +157,7 @@ class Protocol1(Codec):
         return self.HEADER + content + bytes((~sum(content) & 0xFF,))  # checksum: the inverted sum
 
     def status(self, device: int, error: int = 0, data: bytes = b"") -> bytes:
-        """Return the status frame of a device."""
+        """See `Protocol2`."""
         return self.frame(device, error, data)
 
     def status_of(self, received: WireFrame) -> Status | None:
@@ -214,7 +214,7 @@ class Protocol2(Codec):
         return self.frame(device, STATUS, bytes((error,)) + data)
 
     def status_of(self, received: WireFrame) -> Status | None:
-        """Return the status of one device; None for an instruction or a fast reply."""
+        """Return a status; None for an instruction or a fast reply."""
         if received.code != STATUS or not received.params or received.id == BROADCAST:
             return None
         return Status(received.id, received.params[0], received.params[1:])
@@ -394,7 +394,7 @@ def valid_parts(reply: bytes, sizes: Sequence[int]) -> list[Status]:
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """Answers of k servos: ids in the order of arrival; error bytes (k); data (k * size)."""
+    """Answers of k servos in the order of arrival: error bytes (k), data (k * size)."""
 
     ids: tuple[int, ...] = ()
     errors: bytes = b""

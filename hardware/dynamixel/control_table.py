@@ -93,9 +93,8 @@ _FOLDER = Path(__file__).parent / "tables"
 class ControlTable:
     """Registers of one model, ascending by address, for firmware `firmware[0]` to `firmware[1]`.
 
-    number: model number. fast_since: first firmware with Fast Sync Read. usual_firmware: of an emulated servo.
-    baud_family: of the codes of the baud rate register. layers: of rows that make the registers; a row of `models.tsv`
-    has no registers yet.
+    fast_since: first firmware with Fast Sync Read. usual_firmware: of an emulated servo. baud_family: of the codes of
+    the baud rate register. layers: of rows that make the registers, which a row of `models.tsv` lacks.
     """
 
     model: str

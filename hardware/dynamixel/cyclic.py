@@ -272,7 +272,7 @@ STATUS_EVERY = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Group:
-    """Servos that can be asked in one request."""
+    """Servos of one request."""
 
     kind: ReadKind
     names: Names
@@ -283,8 +283,8 @@ class Group:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transaction:
-    """A due request, for a group's values or (names None) for a servo's status. columns: in servo order. again: the
-    block requested after a missing answer."""
+    """A due request, for a group's values or (names None) for a status. columns: in servo order. again: the block
+    requested after a missing answer."""
 
     request: ReadRequest
     columns: NDArray[np.int64]
@@ -356,7 +356,7 @@ class MissingServos:
         return sorted(due, key=self.strikes.__getitem__)
 
     def end(self, answered: Collection[int]) -> tuple[list[int], list[int]]:
-        """End a cycle. Return the servos that are back, and those of them that were lost."""
+        """End a cycle. Return servos that are back, and those of them that were lost."""
         strikes, back, restarted = self.strikes, list[int](), list[int]()
         was_silent, self._line_is_silent = self._line_is_silent, not answered
         for device in self._ids:
@@ -393,7 +393,7 @@ class CyclicPort:
         self._transaction = lru_cache(MAX_TRANSACTIONS)(self._make_transaction)
 
     def write(self, ticks: NDArray[np.int64], driven: BoolArray) -> None:
-        """Send goals (n,) of the whole robot, ticks. driven (n,): servos with torque."""
+        """Send goals (n,), ticks. driven (n,): servos with torque."""
         if self._missing.strikes:  # a silent servo may have restarted
             driven = driven.copy()
             driven[[self._index_of[device] for device in self._missing.strikes]] = False
@@ -600,7 +600,7 @@ class BusLine:
         return self.servos[device].label if device in self.servos else f"id {device}"
 
     def adopt(self, images: dict[int, ServoImage]) -> None:
-        """Use the registers as read, since a servo's firmware chooses its table."""
+        """Use the registers as read; firmware chooses the table."""
         before = self.tables, self.longest_delay
         self.images = images
         if (self.tables, self.longest_delay) != before:
@@ -671,8 +671,8 @@ class BusLine:
 
 
 def read_cycle(lines: Sequence[BusLine], readings: Readings, *, wide: bool, status: bool = False) -> None:
-    """Read all servos on all ports in parallel, then the status of one servo with an alert on each bus. wide: with
-    voltage and temperature. status: of all that answered."""
+    """Read all servos on all ports in parallel, then one servo with an alert on each bus. wide: with voltage and
+    temperature. status: of all that answered."""
     readings.begin()
     for line in lines:
         line.cyclic.begin(wide=wide)

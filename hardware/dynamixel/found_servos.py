@@ -42,7 +42,7 @@ LONGEST_SEARCH = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """Result of a look at a bus. silent: ids of the profile that did not answer. missing: servos that did not answer
+    """Result of a look at a bus. silent: ids of the profile without an answer. missing: servos that did not answer
     every read. unknown: servos not in the profile, or of unknown models. wrong: findings that keep the robot from being
     driven."""
 

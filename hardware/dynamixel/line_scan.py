@@ -199,9 +199,7 @@ MOST_ELSEWHERE = 3
 
 def elsewhere_texts(port: BytePort, bus: BusSpec, ids: Sequence[int], named: Mapping[int, str]) -> list[str]:
     """Return texts on the first of `ids` that answer at another speed, with the command that fixes it. named: by id.
-
-    Speeds that the adapter does not have are skipped. The port is left at the bus's own speed.
-    """
+    The port is left at the bus's own speed."""
     if not ids:
         return []
     found: dict[int, list[int]] = {}

@@ -47,7 +47,7 @@ def latency(timer_ms: int | None) -> float:
 
 
 def timer_command(path: str, devices: Path = DEVICES) -> str:
-    """Return the command that sets the timer to 1 ms until the adapter is replugged."""
+    """Return the command that sets the timer to 1 ms."""
     return f"echo {LOW_TIMER_MS} | sudo tee {timer_file(path, devices)}"
 
 
@@ -120,7 +120,7 @@ def holders(path: str, processes: Path = PROCESSES) -> str:
 
 
 def is_pseudo_terminal(path: str) -> bool:
-    """True if a port is a pseudo-terminal, as every emulator's is."""
+    """True for a pseudo-terminal, as of an emulator."""
     return Path(path).resolve().parent == _PSEUDO_TERMINALS
 
 
@@ -132,7 +132,7 @@ def _is_master(device: Path, process: Path, descriptor: str, target: Path) -> bo
 
 
 def existing_ports() -> dict[str, str]:
-    """Return the serial ports of this machine, each with its description or ""."""
+    """Return the serial ports of this machine, with descriptions."""
     unknown = ("", "n/a")
     found = {port.device: port.description for port in comports()}
     return {path: "" if found[path] in unknown else found[path] for path in sorted(found)}

@@ -40,8 +40,7 @@ MAX_RECEIVED = 65_536
 
 @dataclass(frozen=True)
 class FoundServo:
-    """A servo on the line. model, firmware: None if not reported. alert: it reports an error. clash: probably two
-    servos with this id."""
+    """A servo on the line. alert: it reports an error. clash: probably two servos with this id."""
 
     id: int
     protocol: int
@@ -223,12 +222,12 @@ class SdkPort:
         return bytes(self._arrived[begin : self._read])
 
     def setPacketTimeout(self, packet_length: int) -> None:
-        """Set the deadline of an answer of so many bytes."""
+        """Set the deadline of an answer."""
         count = len(self._sent) + packet_length + SPARE_BYTES
         self._deadline = self._port.now() + 10 * count / self._port.baud + self._wait
 
     def isPacketTimeout(self) -> bool:
-        """True if the deadline has passed."""
+        """True after the deadline."""
         return self._port.now() >= self._deadline
 
 

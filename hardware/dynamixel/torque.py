@@ -265,8 +265,8 @@ class BusDrive:
 def provision(line: BusLine, servo: ServoSpec, *, limp: bool) -> list[str]:
     """Write the profile's values into one servo where they differ. Return the changes.
 
-    EEPROM comes first, since a change of mode resets RAM. limp: it has no torque; values that would switch it on are
-    left to `wake`. Raises NoAnswer or ServoError.
+    EEPROM comes first, since a change of mode resets RAM. limp: without torque; `wake` writes values that would switch
+    it on. Raises NoAnswer or ServoError.
     """
     table = line.images[servo.id].table
     image = read_image(line.client, servo.id, table)
