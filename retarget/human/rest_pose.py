@@ -82,7 +82,10 @@ def offsets(parameters: FloatArray) -> FloatArray:
 def body_points(parameters: FloatArray) -> FloatArray:
     """All points (23, 3) m, world."""
     offset = offsets(parameters)
-    direction = _directions(parameters)
+    # Unit vectors (4, 2, 3) of the limbs' segments, downward at angle zero.
+    sideward, forward = np.moveaxis(parameters[ANGLES].reshape(4, 2, 2), -1, 0)
+    side, level = np.array([[1.0], [-1.0], [1.0], [-1.0]]), cos(forward)
+    direction = np.stack([sin(forward), side * sin(sideward) * level, -cos(sideward) * level], axis=-1)
     # In the rest frame limbs hang: minus their z is their length.
     offset[_SEGMENT_ROWS] = direction * -offset[_SEGMENT_ROWS][..., 2:]
     offset[_HANDS] = direction[:2, 1] * -offset[_HANDS][:, 2:]
@@ -101,13 +104,6 @@ def prior(parameters: FloatArray, bend_spread: FloatArray) -> FloatArray:
     return np.concatenate(
         [parameters[PROPORTIONS] / spread, arms / ARM_SPREAD_RAD, legs.ravel() / LEG_SPREAD_RAD, bends.ravel()]
     )
-
-
-def _directions(parameters: FloatArray) -> FloatArray:
-    sideward, forward = np.moveaxis(parameters[ANGLES].reshape(4, 2, 2), -1, 0)
-    side = np.array([[1.0], [-1.0], [1.0], [-1.0]])
-    level = cos(forward)
-    return np.stack([sin(forward), side * sin(sideward) * level, -cos(sideward) * level], axis=-1)
 
 
 REQUIRED = ("head", "l_wrist", "r_wrist")  # without ankles the ground (z = 0) stands in for them

@@ -53,7 +53,12 @@ class GravityTorque:
         com = self._body.centre_of_mass(q[None])[0]
         force = self._mass * (UPWARD + acceleration)
         pressed = com[:2] - (com[2] * force[:2] + np.array([moment[1], -moment[0]])) / force[2]
-        shares = self._shares(pressed)
+        shares = np.ones(1)
+        if len(self._middles) == 2:
+            first, second = self._middles
+            between = second - first
+            share = min(max(dot(pressed - first, between) / dot(between, between), 0.0), 1.0)
+            shares = np.array([1.0 - share, share])
         across = pressed - matmul(shares, self._middles)
         torque = matmul(force, self._body.centre_of_mass_jacobian(q))
         for (frame, turn, offset), middle, share in zip(self._soles, self._middles, shares.tolist(), strict=True):
@@ -61,14 +66,6 @@ class GravityTorque:
             jacobian = self._body.frame_jacobian(q, frame.body, rotations.as_vector(point))[:3]  # (3, nv) of the point
             torque -= matmul(share * force, jacobian)
         return np.asarray(torque)
-
-    def _shares(self, pressed: FloatArray) -> FloatArray:
-        if len(self._middles) == 1:
-            return np.ones(1)
-        first, second = self._middles
-        across = second - first
-        share = min(max(dot(pressed - first, across) / dot(across, across), 0.0), 1.0)
-        return np.array([1.0 - share, share])
 
 
 class LinkMasses:

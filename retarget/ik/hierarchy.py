@@ -134,10 +134,6 @@ class Hierarchy:
         """Make a used target vector blank again."""
         targets[:] = self._blank
 
-    def uses(self, kind: SlotKind, name: str | None = None) -> bool:
-        """True if there is a task of this kind (and name)."""
-        return bool(self._places[kind] if name is None else self._by_name.get((kind, name)))
-
     def set_position(self, targets: FloatArray, name: str, position: FloatArray, weight: float = 1.0) -> None:
         """Set a world position (3,) m."""
         self._set(targets, SlotKind.POSITION, name, position, weight)

@@ -171,20 +171,17 @@ class ClockMap:
             time = self._by_clock(arrival, stamp, step=self._step(stamp))
         else:
             assert number is not None
-            time = self._by_number(arrival, number)
+            newest, self._newest_number = self._newest_number, number
+            if newest is not None and 0 < newest - number <= REMEMBERED:
+                self._newest_number = newest
+                self.dropped.note("out of order")
+                return None
+            time = self._deliver(arrival)
         if time is not None:
             self._recent[key] = None
             if len(self._recent) > REMEMBERED:
                 self._recent.popitem(last=False)
         return time
-
-    def _by_number(self, arrival: float, number: int) -> float | None:
-        newest, self._newest_number = self._newest_number, number
-        if newest is not None and 0 < newest - number <= REMEMBERED:
-            self._newest_number = newest
-            self.dropped.note("out of order")
-            return None
-        return self._deliver(arrival)
 
     def _by_clock(self, arrival: float, stamp: float, *, step: float) -> float | None:
         gap = arrival - stamp

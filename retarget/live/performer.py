@@ -221,12 +221,22 @@ class LivePerformer:
 
     def sample(self, tick: int) -> SensorSample | None:
         """The sample to follow now; None: hold."""
+        engagement, followed = self.engagement, None
         if tick == 0:  # the sample that the robot has approached; from here on it waits for good data
-            self.engagement.hold()
-        sample = self.engagement.shown if tick == 0 else self._now()
-        sample = None if sample is None else on_grid(sample)
-        self._record.append(tick, self.engagement.shown if sample is None else sample)
-        return sample
+            engagement.hold()
+            followed = engagement.shown
+        else:
+            now = self._clock.now()
+            reading, sample = self._read(now)
+            before = engagement.following
+            followed = engagement.step(now, sample, good=self._is_good(reading, now))
+            self._tally.count(reading.states, followed=followed is not None)
+            if engagement.following is not before:
+                holds = "the performer is not followed{}: the robot holds"
+                self._report("the performer is followed", holds, good=followed is not None)
+        followed = None if followed is None else on_grid(followed)
+        self._record.append(tick, engagement.shown if followed is None else followed)
+        return followed
 
     def hold(self) -> None:
         """Hold until data are good."""
@@ -286,17 +296,6 @@ class LivePerformer:
     def recorded(self) -> Clip:
         """The followed samples, or the held one during a hold."""
         return self._record.clip()
-
-    def _now(self) -> SensorSample | None:
-        now = self._clock.now()
-        reading, sample = self._read(now)
-        before = self.engagement.following
-        followed = self.engagement.step(now, sample, good=self._is_good(reading, now))
-        self._tally.count(reading.states, followed=followed is not None)
-        if self.engagement.following is not before:
-            holds = "the performer is not followed{}: the robot holds"
-            self._report("the performer is followed", holds, good=followed is not None)
-        return followed
 
     def _report(self, goes_on: str, holds: str, *, good: bool) -> None:
         late = " because ticks come late" if self._timing.behind else ""

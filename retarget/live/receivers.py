@@ -52,24 +52,21 @@ def open_socket(address: StreamAddress) -> socket.socket:
         except OSError as error:
             raise _not_bound(address, error) from error
         if address.multicast is not None:
-            _join(listener, address, address.multicast)
+            # Join on the named interface, else on that towards the server, else on the system's choice.
+            interface = address.interface
+            if interface == EVERYWHERE and address.host is not None:
+                interface = interface_towards(address.host) or EVERYWHERE
+            with suppress(OSError):  # it only keeps out groups that other programs joined
+                listener.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
+            request = socket.inet_aton(address.multicast) + socket.inet_aton(interface)
+            try:
+                listener.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)
+            except OSError as error:
+                raise _not_joined(address, address.multicast, interface, error) from error
     except BaseException:
         listener.close()
         raise
     return listener
-
-
-def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:
-    interface = address.interface
-    if interface == EVERYWHERE and address.host is not None:
-        interface = interface_towards(address.host) or EVERYWHERE
-    with suppress(OSError):  # it only keeps out groups that other programs joined
-        listener.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
-    request = socket.inet_aton(group) + socket.inet_aton(interface)
-    try:
-        listener.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)
-    except OSError as error:
-        raise _not_joined(address, group, interface, error) from error
 
 
 def _not_bound(address: StreamAddress, error: OSError) -> InputError:

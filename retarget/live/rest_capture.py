@@ -13,7 +13,7 @@ from retarget.arithmetic import arctan2, cos, matmul, norm, norms, sin
 from retarget.errors import InputError
 from retarget.frames import SensorSample
 from retarget.human.pose_validation import ValidityState
-from retarget.human.rest_pose import ALIKE_RAD, REQUIRED, RestFit, fit_rest_pose
+from retarget.human.rest_pose import ALIKE_RAD, REQUIRED, fit_rest_pose
 from retarget.human.stance import TURNED, facing_of, refuse_crooked, refuse_stance
 from retarget.live.advice import refusal
 from retarget.live.stream import StreamReading
@@ -160,7 +160,11 @@ class RestCapture:
             raise self._refused("not fresh", ", ".join(stale))
         mean = np.full((len(names), 3), np.nan)
         mean[counts] = np.nanmean(track[:, counts], axis=0)
-        self._refuse_motion(names, track, mean)
+        away = norms(track - mean)
+        farthest = np.where(np.isnan(away), 0.0, away).max(axis=0).tolist()
+        far = [f"{name} moved by {100 * by:.0f} cm" for name, by in zip(names, farthest, strict=True) if by > SWAY_M]
+        if far:
+            raise self._refused("not still", ", ".join(far))
         where, sent = f"{self._where}, calibration", self._turns(counts)
         front = {name: turn for name, turn in zip(names, sent, strict=True) if name in TURNED and self._oriented}
         refuse_stance(_located(names, mean), where=where, turns=front)
@@ -182,8 +186,13 @@ class RestCapture:
             except InputError:
                 refuse_crooked(at, where=where)
                 raise
-            self._refuse_unlike(fit)
-            size = fit.dimensions
+            size, (low, high) = fit.dimensions, LIVE_STATURE_M
+            if not low <= size.stature <= high:
+                raise self._refused("not upright", f"{size.stature:.2f} m tall", low=low, high=high)
+            left, right = np.rad2deg(fit.arms).tolist()
+            if abs(fit.arms[0] - fit.arms[1]) > ALIKE_RAD:
+                both = f"the left one {left:.0f} degrees from hanging, the right one {right:.0f}"
+                raise self._refused("arms not alike", both, most=np.rad2deg(ALIKE_RAD))
             standing[rows] -= fit.offset
             offset[rows] = np.nan_to_num(rotations.rotate(rotations.conjugate(turns[rows]), fit.offset))
         refuse_crooked(at, where=where)
@@ -214,22 +223,6 @@ class RestCapture:
             above = f"the head {found:.2f} m above the {'ankles' if ankles else 'floor'}"
             raise self._refused("other size", above, low=low, high=high, origin=size.origin)
         return 0.0 if ankles else float(found - expected)
-
-    def _refuse_unlike(self, fit: RestFit) -> None:
-        (low, high), found = LIVE_STATURE_M, fit.dimensions.stature
-        if not low <= found <= high:
-            raise self._refused("not upright", f"{found:.2f} m tall", low=low, high=high)
-        left, right = np.rad2deg(fit.arms).tolist()
-        if abs(fit.arms[0] - fit.arms[1]) > ALIKE_RAD:
-            both = f"the left one {left:.0f} degrees from hanging, the right one {right:.0f}"
-            raise self._refused("arms not alike", both, most=np.rad2deg(ALIKE_RAD))
-
-    def _refuse_motion(self, names: tuple[str, ...], track: FloatArray, mean: FloatArray) -> None:
-        away = norms(track - mean)
-        farthest = np.where(np.isnan(away), 0.0, away).max(axis=0).tolist()
-        far = [f"{name} moved by {100 * by:.0f} cm" for name, by in zip(names, farthest, strict=True) if by > SWAY_M]
-        if far:
-            raise self._refused("not still", ", ".join(far))
 
     def _refused(self, symptom: str, found: str, **facts: Any) -> InputError:
         return refusal(InputError, symptom, f"{self._where}, calibration", found=found, **facts)

@@ -16,20 +16,17 @@ CAMERA_LIMITS = ValidityLimits(silent_after=0.2, stale_after=0.22)
 """For a camera of 15 to 30 pictures a second, as a busy browser leaves one out."""
 
 UNTRACKED = "pose that the sender marks as lost"
-NOT_FINITE = "pose that is not finite"
-NOT_A_ROTATION = "orientation that is no unit quaternion"
 OUT_OF_RANGE = "position outside the room"
 UNREACHABLE = "position that no human can have reached"
 # Reason of a refused pose, by the verdict of `Validity`.
 REASONS = {
     1: UNTRACKED,
-    2: NOT_FINITE,
-    3: NOT_A_ROTATION,
+    2: "pose that is not finite",
+    3: "orientation that is no unit quaternion",
     4: OUT_OF_RANGE,
     5: UNREACHABLE,
 }
 MOST_NAMED_SENSORS = 6  # if more sensors change alike, the message names none
-NO_TIME = "pose at a time that is not finite"
 
 
 class SensorValidity:
@@ -61,7 +58,7 @@ class SensorValidity:
         False where the sender marks them as lost.
         """
         if not isfinite(time):
-            self.refused.reasons[NO_TIME] += len(rows)
+            self.refused.reasons["pose at a time that is not finite"] += len(rows)
             return np.zeros(len(rows), dtype=bool)
         position, orientation = np.ascontiguousarray(position), np.ascontiguousarray(orientation)
         verdicts = self._validity.take(rows, time, position, orientation, tracked)

@@ -11,7 +11,7 @@ from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Admission, Datagram
 from retarget.live.clock_map import ClockMap
 from retarget.live.playout import OFF, Playout, pose_filter
 from retarget.live.raw_recording import RawTap
-from retarget.live.roles import Roles, SensorPoses
+from retarget.live.roles import Roles
 from retarget.live.sensor_validity import CAMERA_LIMITS, SensorValidity
 from retarget.sources.streams.stream_frame import StreamDecoder, StreamFrame
 from retarget.types import BoolArray, FloatArray
@@ -41,16 +41,6 @@ class StreamReading:
 MOST_DECODED = 64  # datagrams of one poll: a whole avatar, bone by bone, and 6,400 a second at 100 Hz
 MOST_BYTES_DECODED = 2**15  # of one poll: three whole avatars; a made datagram of so many costs some milliseconds
 MOST_ROUNDS = 4  # polls of the receiver in one poll of the stream: 512 datagrams are 0.7 s of VRChat OSC
-
-
-def _newest(admitted: list[Datagram]) -> int:
-    first, size = len(admitted), 0
-    for datagram in admitted[: -MOST_DECODED - 1 : -1]:
-        size += len(datagram.payload)
-        if size > MOST_BYTES_DECODED and first < len(admitted):
-            break
-        first -= 1
-    return first
 
 
 class LiveStream:
@@ -111,7 +101,12 @@ class LiveStream:
         if self.tap is not None:
             for datagram in admitted:
                 self.tap.take(datagram)
-        first = _newest(admitted)
+        first, size = len(admitted), 0
+        for datagram in admitted[: -MOST_DECODED - 1 : -1]:
+            size += len(datagram.payload)
+            if size > MOST_BYTES_DECODED and first < len(admitted):
+                break
+            first -= 1
         if first:
             self.admission.refused.reasons[TOO_MANY] += first
         for datagram in admitted[first:]:
@@ -132,11 +127,16 @@ class LiveStream:
                 self._camera = frame.camera
                 self.validity.restart(CAMERA_LIMITS if frame.camera else LIMITS)
             time = self.clock_map.map(datagram.arrival, frame.stamp, frame.number)
-            poses = None if time is None else self.roles.take(frame)
-            if time is not None:
-                self.last, self.captured = datagram.arrival, max(self.captured, time)
-            if time is not None and poses is not None:
-                self._keep(poses, time, datagram.arrival)
+            if time is None:
+                continue
+            poses = self.roles.take(frame)
+            self.last, self.captured = datagram.arrival, max(self.captured, time)
+            if poses is None:
+                continue
+            rows, position, orientation = poses.rows, poses.position, poses.orientation
+            self._parts.complete(rows, time, position, orientation)
+            usable = self.validity.take(rows, time, position=position, orientation=orientation, tracked=poses.tracked)
+            self.playout.push(rows, time, position, orientation, usable, arrival=datagram.arrival)
         return frames
 
     def read(self, now: float) -> StreamReading:
@@ -149,9 +149,3 @@ class LiveStream:
             self._smooth.reset(gone)
         position, orientation = self._smooth.step(played.time, played.position, played.orientation)
         return StreamReading(position, orientation, states, times)
-
-    def _keep(self, poses: SensorPoses, time: float, arrival: float) -> None:
-        rows, position, orientation = poses.rows, poses.position, poses.orientation
-        self._parts.complete(rows, time, position, orientation)
-        usable = self.validity.take(rows, time, position=position, orientation=orientation, tracked=poses.tracked)
-        self.playout.push(rows, time, position, orientation, usable, arrival=arrival)

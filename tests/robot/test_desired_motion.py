@@ -25,7 +25,7 @@ STILL = frozenset({"l_sole", "r_sole"})
 
 def goal(hierarchy: Hierarchy, targets: np.ndarray, name: str) -> np.ndarray:
     """Weight and goal of a landmark, or of a limb."""
-    kind = SlotKind.POSITION if hierarchy.uses(SlotKind.POSITION, name) else SlotKind.LIMB
+    kind = SlotKind.POSITION if hierarchy.position_slots([name])[0].size else SlotKind.LIMB
     _, slots = hierarchy.position_slots([name], kind)
     return np.asarray(targets[slots[0]])
 
@@ -65,7 +65,7 @@ def test_planted_landmarks_get_no_goals() -> None:
     asked = DesiredLandmarks(reached.landmarks, reached.limbs, reached.trunk, reached.gaze)
     motion.aim(targets, asked, reached, DT, speed_override=1.0)
     assert goal(robot.hierarchy, targets, "l_sole")[0] == 0.0
-    assert robot.hierarchy.uses(SlotKind.POSITION, "l_sole")
+    assert robot.hierarchy.position_slots(["l_sole"])[0].size
 
 
 OWN, CATCH_UP, SPEED = 40.0, 20.0, 2.0

@@ -12,7 +12,6 @@ from benchmarks.reach import REACHED_M, Bench
 from followers import DT, dimensions, op3, performer
 from messages import refuses
 from retarget.errors import ConfigError
-from retarget.ik.tasks import SlotKind
 from retarget.model.robot import load_robot
 from retarget.pictures.reach import draw_reach, reach_numbers
 from retarget.robot import reach_map
@@ -122,7 +121,7 @@ def test_robots_without_strategies_have_none_of_their_tasks() -> None:
     assert not alone.strategies and not {*HANDS} & {name for of in asked for name in of}
     for robot, parts in ((op3(), "upper"), (load_robot("op3", root="fixed"), "whole")):
         follower = Follower(robot, priorities, dimensions(performer()), parts="upper" if parts == "upper" else "whole")
-        assert follower.strategies is None and not follower.hierarchy.uses(SlotKind.POSITION, "l_hand")
+        assert follower.strategies is None and not follower.hierarchy.position_slots(["l_hand"])[0].size
 
 
 def test_a_file_with_strategies_needs_their_tasks(tmp_path: Path) -> None:
