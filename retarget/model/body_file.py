@@ -119,7 +119,6 @@ def _compile(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | 
 
 
 def _prepared(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | None) -> tuple[Any, Root, list[str]]:
-    """A body before it is compiled, with its root and notes."""
     notes: list[str] = []
     try:
         spec = parse()
@@ -238,7 +237,6 @@ def check_numbers(model: Any, *, source: str) -> None:
 
 
 def _without_numbers(model: Any) -> list[str]:
-    """Links and joints with a number that is not finite."""
     import numpy as np
 
     def of(owners: Any, *arrays: Any) -> list[int]:

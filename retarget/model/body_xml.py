@@ -138,8 +138,6 @@ class _Include:
 
 @dataclass
 class _Counts:
-    """Sizes of a body with its includes."""
-
     elements: int = 0
     links: int = 0
     replicated: int = 0
@@ -242,7 +240,6 @@ def _size_problems(tag: str, attributes: dict[str, str], source: str, line: int)
 
 
 def _numbers(text: str) -> list[float]:
-    """The numbers of an attribute; infinite if it has others."""
     try:
         return [float(word) for word in text.split()]
     except ValueError:

@@ -66,7 +66,6 @@ def try_in_child(work: Callable[[], object], *, source: str) -> None:
 
 
 def _judge(answer: bytes, code: int, source: str) -> None:
-    """Raise the error of the child."""
     problems = [Problem(**problem) for problem in json.loads(answer)] if answer else []
     if problems:
         raise InputError.from_problems(problems, title=f"{source}: {len(problems)} problems")
@@ -97,7 +96,6 @@ def _answer(reading: int) -> bytes | None:
 
 
 def _work_and_leave(work: Callable[[], object], writing: int) -> NoReturn:
-    """Work of the child, which never returns and prints nothing."""
     code = DEFECT
     try:
         sys.stdout = sys.stderr = nowhere = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115

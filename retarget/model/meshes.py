@@ -101,7 +101,6 @@ ROUND, EDGE = 0.25, 12
 
 
 def _rounded(half: FloatArray, around: int) -> Mesh:
-    """A box (3,) with round edges."""
     radius = ROUND * float(half.min())
     quarter = np.linspace(0.0, 0.5 * np.pi, max(around // EDGE, 1) + 1)
     up = np.concatenate([quarter - 0.5 * np.pi, quarter])[:, None]
@@ -162,7 +161,6 @@ def _shown(geoms: Sequence[Geom], links: Iterable[int]) -> list[Geom]:
 
 
 def _drawn(geoms: Sequence[Geom], most: int) -> list[tuple[Geom, Mesh]]:
-    """Geoms with meshes as fine as `most` triangles allow."""
     files = [geom for geom in geoms if geom.triangles is not None]
     dense, count, simple = sum(len(_soup(geom)) for geom in files), 0, list[Mesh | None]()
     for around in DETAILS:

@@ -23,10 +23,10 @@ from retarget.types import FloatArray, IntArray
 # Pairs of observers that are checked (paper, "Handling self collisions").
 
 NEAR_LINKS = 2
-"""Links at most so many joints apart may touch at rest, and are not checked then. Others that touch are errors."""
+"""Joints between links that may touch at rest, and are not checked then."""
 
 AT_HOME = 0.75
-"""Greatest margin of a pair, relative to its distance at rest; a larger one could not be kept there."""
+"""Greatest margin of a pair, relative to its distance at rest."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,8 @@ class DroppedPair:
 
 @dataclass(frozen=True, eq=False)
 class PairRules:
-    """Rules for pairs. neutral: posture (nq,) in which pairs that touch are dropped. resting: others that bound
-    margins. ignored: links, and reasons. where: for messages. given: a measured human, without a profile to correct,
-    whose touching pairs are all dropped."""
+    """Rules for pairs. neutral: posture (nq,) in which touching pairs are dropped. resting: others that bound margins.
+    ignored: links, and reasons. where: for messages. given: a human, all of whose touching pairs are dropped."""
 
     neutral: FloatArray
     resting: tuple[FloatArray, ...] = ()
@@ -101,7 +100,6 @@ def placed(body: BodyModel, observers: "Observers", q: FloatArray) -> tuple[Floa
 
 
 def _distances(body: BodyModel, observers: "Observers", pairs: IntArray, q: FloatArray) -> FloatArray:
-    """Signed distances (p,) m of pairs in a posture (nq,)."""
     position, quat = placed(body, observers, q)
     kinds, sizes = observers.kinds, observers.sizes
     a, b = (np.ascontiguousarray(column) for column in pairs.T)
@@ -139,10 +137,9 @@ class Part(NamedTuple):
 class Observers:
     """n observers of a body and p checked pairs.
 
-    links (n,); kinds (n,), sizes (n, 3): see `scene_shapes`; positions (n, 3) m, quats (n, 4) wxyz: of canonical frames
-    on the links; influence, margin (n,) m. pairs (p, 2): rows of observers; dropped: other pairs; pair_margin (p,) m:
-    greatest margins. stands (n,): on a link with a sole, not checked against the ground; ground_margin (n,) m: greatest
-    margins to the ground.
+    links (n,); kinds (n,), sizes (n, 3): see `scene_shapes`; positions (n, 3) m, quats (n, 4) wxyz: on the links;
+    influence, margin (n,) m. pairs (p, 2): rows; pair_margin (p,) m: greatest margins. stands (n,): on a link with a
+    sole, not checked against the ground; ground_margin (n,) m: greatest margins.
     """
 
     names: tuple[str, ...]

@@ -99,7 +99,6 @@ def _half(line: LineSegment) -> float:
 
 
 def _along(line: LineSegment) -> Pose:
-    """Frame in the middle of a line, z from start to end."""
     x, y, z = plus(line.start, line.end)
     return Pose((0.5 * x, 0.5 * y, 0.5 * z), _turn_to(minus(line.end, line.start)))
 

@@ -63,7 +63,6 @@ def motion_of(obstacle: Obstacle) -> ObstacleMotion:
 
 
 def _until(moving: MovingPose, start: float, end: float) -> ObstacleMotion:
-    """A motion from `start` to `end`, s, which may be infinite."""
     if end == inf:
         return ObstacleMotion((start,), (moving,))
     return ObstacleMotion((start, end), (moving, MovingPose(_moved(moving, end - start).pose)))
@@ -159,7 +158,6 @@ class LivePose:
 def _read(
     position: Numbers, quat: Numbers, time: float, velocity: Numbers | None, angular_velocity: Numbers | None
 ) -> _Seen | None:
-    """The update; None if it is invalid."""
     try:
         x, y, z = map(float, position)
         w, i, j, k = map(float, quat)
@@ -193,7 +191,6 @@ def _moving(seen: _Seen, before: _Seen | None) -> MovingPose:
 
 
 def _rate(moved: Vector, step: float, bound: float) -> Vector:
-    """Movement per time, bounded in length without overflow."""
     far = length(moved)
     if far > bound * step:
         return (bound / far * moved[0], bound / far * moved[1], bound / far * moved[2])
@@ -278,7 +275,6 @@ class SceneState:
 
 
 def _write(row: FloatArray, moving: MovingPose) -> None:
-    """Write a row (13,): position, quat, linear and angular velocity."""
     row[:] = (*moving.pose.position, *moving.pose.quat, *moving.linear, *moving.angular)
 
 

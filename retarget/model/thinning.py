@@ -89,7 +89,6 @@ def _nearest(quadrics: FloatArray, middle: FloatArray) -> FloatArray:
 
 
 def _real(faces: IntArray) -> IntArray:
-    """Faces without degenerate and double ones."""
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     ordered = np.sort(faces, axis=1)
     _, first = np.unique((ordered[:, 0] * 2**21 + ordered[:, 1]) * 2**21 + ordered[:, 2], return_index=True)
@@ -137,7 +136,6 @@ def _quadrics(points: FloatArray, faces: IntArray) -> FloatArray:
 def _collapsed(
     points: FloatArray, faces: IntArray, quadrics: FloatArray, most: int, *, share: float
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Collapse at most some edges, out of the cheapest share."""
     edges, count, _ = _edges(faces)
     both = quadrics[edges[:, 0]] + quadrics[edges[:, 1]]
     target = _nearest(both, points[edges].mean(axis=1))

@@ -1,5 +1,4 @@
 """Stage 2: a human posture becomes a robot posture within the limits of its servos, on its soles.
 
-In: `HumanPosture`, robot, priorities, scene. Out: `RobotPosture`, stops, offsets of goals. Imports `human`, `ik`,
-`model`, `schema`.
+In: `HumanPosture`, robot, priorities, scene. Out: `RobotPosture`, stops, goals. Imports `human` and all below.
 """

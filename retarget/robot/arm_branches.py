@@ -179,8 +179,6 @@ class _Arm:
 
 
 class _Descent:
-    """Descents of one arm."""
-
     def __init__(
         self, robot: RobotBody, priorities: Priorities, stance: Stance, weights: Mapping[str, float], build: Build
     ) -> None:

@@ -30,7 +30,7 @@ from retarget.schema.priorities import CentreOfMassTask, Priorities, StrengthTas
 from retarget.types import FloatArray
 
 HEAVE = 1.5
-"""Greatest vertical acceleration of the centre of mass, m/s^2, as soles slide under less weight and tilt under more."""
+"""Greatest vertical acceleration of the centre of mass, m/s^2: soles slide or tilt under other loads."""
 LARGER = 1.2
 """Size of the zero-moment point's polygon relative to the capture point's, as soles slip less in a small one."""
 SPARE = 0.5

@@ -92,7 +92,6 @@ class Envelope:
 
 
 def _towards(leans: list[float], x: float, y: float) -> float:
-    """Greatest lean in a ground direction: quarters of ellipses."""
     a, b = leans[0 if x >= 0.0 else 2], leans[1 if y >= 0.0 else 3]
     length = hypot(x, y)
     return a * b * length / max(hypot(b * x, a * y), 1e-12)
@@ -140,7 +139,6 @@ def measure_envelope(
 
 
 def _note(depth: float, most: float) -> str:
-    """Note for a crouch `depth` m deep, where joints allow `most` m."""
     if depth >= max(NOTED_SHARE * most, LEAST_CROUCH_M):
         return ""
     if most < LEAST_CROUCH_M:

@@ -129,7 +129,6 @@ class DeflectionCompensation:
         return goal, Offset(posture, kept, moved, behind, integrated, masses, velocities, ticks, forced)
 
     def _settled(self, at: FloatArray, velocity: FloatArray, target: FloatArray) -> FloatArray:
-        """Velocity of a critically damped filter after a tick."""
         # Backward Euler of x'' = r^2 (target - x) - 2 r x'
         gain = self._rate * self._dt
         return np.asarray((velocity + gain * self._rate * (target - at)) / (1.0 + 2.0 * gain + gain * gain))

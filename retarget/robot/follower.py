@@ -247,7 +247,6 @@ class Follower:
 
     @property
     def _q(self) -> FloatArray:
-        """The last planned posture (nq,)."""
         return self._solver.q
 
     @property
@@ -328,7 +327,6 @@ class Follower:
         return self._posture(desired)
 
     def _walk(self, legs: Legs, desired: DesiredLandmarks, speed: Request | None, dt: float) -> RobotPosture:
-        """Go on by `dt` s with legs that walk."""
         q, velocity = legs.step(speed, dt)
         if not legs.walks:
             self.hierarchy.solver.correct(q, velocity)

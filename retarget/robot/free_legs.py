@@ -1,7 +1,6 @@
 """Free legs: a robot without ground contact follows the performer's path, for viewers and training.
 
-Its world is the performer's, scaled by the length of the legs. The whole body is raised or lowered until its lower
-ankle has the performer's height.
+Its world is the performer's, scaled by the length of the legs, and its lower ankle has the performer's height.
 """
 
 from collections.abc import Mapping, Sequence
@@ -106,7 +105,6 @@ class FreeLegs:
 
 
 def _direction(line: Vector) -> tuple[float, float]:
-    """Yaw and pitch (upwards positive) of a line, rad."""
     x, y, z = line
     across = hypot(x, y)
     return (arctan2(y, x) if across > 0.0 else 0.0), arctan2(z, across)

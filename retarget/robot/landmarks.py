@@ -1,8 +1,7 @@
 """Landmarks of a robot: their desired places for a human posture, and their actual places in a robot posture.
 
 Points are in the robot's world: origin on the ground between the soles, x forward. Desired landmarks depend on the
-performer and on constants of the robot alone, so that tracking errors show any lag. The trunk carries the shoulders,
-and hands are placed from there by the length of the arm.
+performer and on constants of the robot alone, so that tracking errors show any lag.
 """
 
 from collections.abc import Mapping, Sequence
@@ -73,8 +72,7 @@ class Facing:
     ) -> tuple[float, float]:
         """Heading (x, y), a unit vector on the ground, `dt` s later.
 
-        pelvis: wxyz; forward is square to its left axis. feet: from ankle to toe, m. Values that are not finite are
-        left out.
+        pelvis: wxyz; forward is square to its left axis. feet: from ankle to toe, m. Non-finite values are left out.
         """
         x, y = _seen(pelvis, left_foot, right_foot)
         length = hypot(x, y)
@@ -140,22 +138,20 @@ def foot_separation(profile: RobotProfile, stance: Stance, rows: Sequence[str]) 
 
 
 # The pelvis is as high as the performer's bearing leg is long: in their stride both legs are straight and the pelvis is
-# low, but the robot's feet are side by side. As small changes near a straight leg need large ones of the knee, they are
-# filtered slowly.
+# low, but the robot's feet are side by side. Small changes, which need large ones of a straight knee, are filtered.
 
 UNDER = 0.15
-"""Distance of an ankle from below its hip, relative to the leg, at which it bears half as much."""
+"""Distance of an ankle from below its hip, relative to the leg, that halves its share of the bearing."""
 LIFT_COUNTS = 4.0
 """Weight of an ankle's height in this distance."""
 STRAIGHT, STRAIGHT_KNEE = 0.97, 0.015
-"""Share from which a performer's leg counts as stretched, as five sensors measure it to 3 %, and width of the
-transition."""
+"""Share from which a performer's leg counts as stretched, as sensors measure it to 3 %, and width of the transition."""
 HEIGHT_SETTLE_S, HEIGHT_BAND = 0.6, 0.02
 """Time constant (s) of small deviations, and deviation, relative to the leg, at which it is halved."""
 
 
 class PelvisOverFeet:
-    """Filters the middle of the hips above the middle of both ankles, in the robot's world and size."""
+    """Filters the middle of the hips above the middle of both ankles, in the robot's size."""
 
     def __init__(self, leg: float) -> None:
         """leg: the performer's stretched leg in the robot's size, m."""
@@ -169,15 +165,15 @@ class PelvisOverFeet:
     def step(self, hips: Vector, legs: Sequence[Vector], higher: float, dt: float) -> Vector:
         """Desired place of the hips, m, `dt` s later.
 
-        hips: of the performer, from between the ankles; legs: from hip to ankle, left and right; higher: height of the
-        left ankle above the right one, m; all scaled to the robot.
+        hips: of the performer, from between the ankles; legs: from hips to ankles; higher: height of the left ankle
+        above the right one, m; all scaled.
         """
         shares = []
         for (x, y, _), lift in zip(legs, (max(higher, 0.0), max(-higher, 0.0)), strict=True):
             off = (x * x + y * y + LIFT_COUNTS * LIFT_COUNTS * lift * lift) / (UNDER * UNDER * self._leg * self._leg)
             shares.append(1.0 / (1.0 + off * off))
         share = shares[0] / (shares[0] + shares[1])  # of the left leg
-        # Common horizontal offset of both legs, as hips move back in a squat.
+        # Common horizontal offset of both legs, as in a squat.
         x, y = (sorted((legs[0][axis], 0.0, legs[1][axis]))[1] for axis in (0, 1))
         left, right = (hypot(hypot(*leg[:2]), leg[2]) for leg in legs)
         length = soft_cap((share * left + (1.0 - share) * right) / STRAIGHT, self._leg, STRAIGHT_KNEE)
@@ -217,9 +213,8 @@ class Role(Enum):
 class DesiredLandmarks:
     """Desired places at one instant, in the robot's world.
 
-    landmarks: in the order of the profile, m. limbs: lines, m, see `limb_names`. trunk: wxyz, the identity for an
-    upright performer who faces the heading. gaze: unit vector. soles: of free legs. whole: pelvis, m, and trunk before
-    the envelope limits them.
+    landmarks: in the order of the profile, m. limbs: lines, m, see `limb_names`. trunk: wxyz, the identity when
+    upright. gaze: unit vector. soles: of free legs. whole: pelvis, m, and trunk without the envelope.
     """
 
     landmarks: list[Vector]
@@ -232,7 +227,7 @@ class DesiredLandmarks:
 
 @dataclass(frozen=True)
 class DesiredSole:
-    """Sole of free legs: names of landmark and frame, orientation wxyz, weight of its place."""
+    """Sole of free legs: landmark, frame, orientation wxyz, weight."""
 
     name: str
     frame: str
@@ -242,8 +237,8 @@ class DesiredSole:
 
 @dataclass(frozen=True)
 class _Mark:
-    """One landmark. place: in the stance; offset: from the end of the limb; carried: anchor from the pelvis of an
-    upright trunk, m. joined: row of the landmark at its base."""
+    """One landmark. place: in the stance; offset: from the limb's end; carried: anchor from an upright trunk's pelvis,
+    m; joined: row of its base."""
 
     role: Role
     place: Vector
@@ -264,8 +259,7 @@ class LandmarkMap:
         *,
         floats: bool = False,
     ) -> None:
-        """envelope: None keeps pelvis and trunk in place. floats: with `FreeLegs`. Raises ConfigError for a robot
-        without legs for that."""
+        """envelope: None keeps pelvis and trunk in place. floats: with `FreeLegs`. Raises ConfigError."""
         self.names = tuple(profile.landmarks)
         self._envelope = envelope
         self._facing = Facing()
@@ -335,14 +329,12 @@ class LandmarkMap:
         if human.joint_names is not names:
             weights = _weights(self._sums, human.joint_names)
             self._summed = human.joint_names, weights
-        # Rows of weighted sums of joints, scaled, in the performer's world: k limbs, trunk, two feet, two legs, the
-        # line between the ankles, and those of free legs.
+        # Rows, in the performer's world: k limbs, trunk, two feet, two legs, line between ankles, free legs.
         rows = matmul(weights, human.joints).tolist()
         pelvis_seen, chest_seen, head_seen = map(as_quat, human.orientations)
         feet = len(self.names) + 1
         x, y = self._facing.update(pelvis_seen, rows[feet], rows[feet + 1], dt if self._free is None else 0.0)
-        # (x, y), the unit vector of the heading, becomes the robot's x axis. `from_world` is the same turn as a
-        # quaternion.
+        # (x, y), the unit vector of the heading, becomes the robot's x axis.
         limbs: list[Vector] = [(x * a + y * b, x * b - y * a, c) for a, b, c in rows]
         from_world = (sqrt(max(0.5 + 0.5 * x, 0.0)), 0.0, 0.0, -copysign(sqrt(max(0.5 - 0.5 * x, 0.0)), y))
         chest = product(from_world, chest_seen)
@@ -443,7 +435,6 @@ class LandmarkMap:
         if across < 1e-9:
             return seen
         lean = arctan2(across, z)
-        # The axis of the lean is horizontal.
         less = soft_cap(lean, self._envelope.most_lean(height, x, y), LEAN_KNEE)
         return product(axis_turn((-y / across, x / across, 0.0), less - lean), seen)
 
@@ -507,8 +498,8 @@ def _weights(sums: Sequence[Mapping[str, float]], joint_names: Sequence[str]) ->
 class Reached:
     """Actual landmarks of a posture, in the robot's world.
 
-    points: (k, 3) m, and as tuples in `landmarks`. limbs: lines, m, see `limb_names`. trunk: wxyz relative to the
-    stance. gaze: unit vector. centre_of_mass: (3,) m.
+    points: (k, 3) m, and as tuples in `landmarks`. limbs, gaze: as desired. trunk: wxyz relative to the stance.
+    centre_of_mass: (3,) m.
     """
 
     points: FloatArray

@@ -1,11 +1,9 @@
 """Reachability map: places that a hand of a robot on its soles reaches by its arm, with its trunk, and by a crouch.
 
-Places are relative to the middle of the soles, x forward, m. The robot's own hierarchy measures the map, without rates:
-a hand goes from the stance to nodes of a grid, outward from those that it reached, once with the trunk in its stance
-(the arm), and once for each of some heights of the pelvis with the trunk free. The other hand keeps its place.
-
-The field is the distance to the edge of the reached region, m, negative inside: the distance to the nearest place that
-a hand got to, or inside to the nearest that it did not. A map is measured once, and kept in the cache.
+Places are relative to the middle of the soles, x forward, m. The robot's hierarchy measures the map without rates: a
+hand goes to nodes of a grid, outward from those that it reached, with the trunk in its stance (the arm), and with a
+free trunk at some heights of the pelvis. The field is the distance to the edge of the reached region, m, negative
+inside.
 """
 
 import zipfile
@@ -41,7 +39,7 @@ HANDS = ("l_hand", "r_hand")
 NODES = 4
 """Nodes per length of an arm."""
 HEIGHTS = 5
-"""Heights of the pelvis, from the envelope's lowest to the stance's."""
+"""Number of heights of the pelvis."""
 CLOSE_M, KEPT = 0.004, 0.002
 """Errors up to which a place is reached, and higher levels are kept, m and rad."""
 REACH: Mapping[str, Any] = {"iterations": 6, "damping": 0.5}
@@ -90,8 +88,8 @@ def is_height(task: PositionTask) -> bool:
 
 
 class HandReach:
-    """The map of one hand, m. low (3,): first node; spacing: of nodes; field (x, y, z, 1 + h + 3): distances to the
-    edges of the arm's reach and of that at h heights, and the line to the nearest place in reach."""
+    """The map of one hand, m. low (3,): first node; field (x, y, z, 1 + h + 3): distances to the edges of the arm's
+    reach and of that at h heights, and the line to the nearest place in reach."""
 
     def __init__(self, low: FloatArray, spacing: float, field: FloatArray) -> None:
         self.low, self.spacing, self.field = low, spacing, field
@@ -254,14 +252,13 @@ class ReachProbe:
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
-    """Nodes that were tried, and if they were reached; places (3,) m at which the hand ended."""
+    """Nodes with True if reached; places (3,) m at which the hand ended."""
 
     reached: dict[Node, bool]
     places: list[FloatArray]
 
 
 def _neighbours(node: Node) -> list[Node]:
-    """The adjacent nodes above the ground."""
     x, y, z = node
     near = [(x - 1, y, z), (x + 1, y, z), (x, y - 1, z), (x, y + 1, z), (x, y, z - 1), (x, y, z + 1)]
     return [one for one in near if one[2] >= 0]
@@ -297,7 +294,7 @@ def _distances(
             length = norms(gaps)
             nearest = int(length.argmin())
             distance[row], line[row] = length[nearest], gaps[nearest]
-    # The edge is outside a ball about a missed node, with the radius of its distance.
+    # The edge is outside a ball about a missed node.
     balls, radii = nodes[missed], distance[missed]
     for row in np.flatnonzero(reached).tolist():
         depth = (norms(balls - nodes[row]) - radii).min() if len(balls) else np.inf

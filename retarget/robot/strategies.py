@@ -29,11 +29,9 @@ __all__ = ["REACH", "Strategies", "Strategy", "arms_alone", "strategies_of"]
 SETTLE_S = 0.15
 """Time constant of changes, s."""
 EDGE = 0.17
-"""Distance outside the map's edge up to which a strategy is chosen, in spacings: interpolation shrinks a round
-region."""
+"""Distance outside the map's edge up to which a strategy is chosen, in spacings."""
 INSIDE, CROUCHED = 0.15, 0.5
-"""Distances inside the edge, in spacings, at which a cheaper strategy is chosen again, and to which the pelvis is
-lowered."""
+"""Distances inside the edge, in spacings, of a return to a cheaper strategy, and of the lowered pelvis."""
 LEAST, LEAST_M = 1e-3, 1e-5
 """Distances at which a share, and a height, m, have arrived."""
 OFF_S = 1.0
@@ -87,9 +85,8 @@ class _Hand:
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """A look-up in the map, m. lower: height of the pelvis from its desired one; shifts: of the hands, into reach;
-    carried: hands in the stance's trunk frame; room: movement within the arms' reach; off: displacement of the
-    shoulders."""
+    """A look-up in the map, m. lower: of the pelvis; shifts: of hands, into reach; carried: hands in the stance's trunk
+    frame; room: movement within the arms' reach; off: of the shoulders."""
 
     strategy: Strategy = Strategy.ARM
     lower: float = 0.0
@@ -100,7 +97,7 @@ class _Look:
 
 
 class Strategies:
-    """Chooses the strategy of one robot: `places`, then `choose` in each tick, and `weigh` after all other targets."""
+    """Chooses the strategy of one robot: `places`, then `choose` in each tick, and `weigh` at last."""
 
     def __init__(
         self, robot: RobotBody, stance: Stance, reach: ReachMap, free: FreeTrunk, *, allowed: Sequence[str]
@@ -177,7 +174,6 @@ class Strategies:
         return replace(desired, landmarks=landmarks, limbs=limbs)
 
     def _look_again(self, desired: DesiredLandmarks, reached: Reached) -> None:
-        """Look up the map unless hands have moved less than their distance to the edge."""
         seen, pelvis, there = self._seen, desired.landmarks[self._pelvis], reached.landmarks[self._pelvis]
         back, share, off, carried = inverse(desired.trunk), self._passed / OFF_S, list[Vector](), list[Vector]()
         for hand, before in zip(self._hands, seen.off, strict=True):
@@ -214,7 +210,7 @@ class Strategies:
         self._free.weigh(targets, self._share)
 
     def _cheapest(self, by_arm: float, fields: Sequence[Sequence[float]], height: float) -> tuple[Strategy, float]:
-        """Cheapest strategy, and its height of the pelvis, m. by_arm: distance from the edge of the arms' reach, m."""
+        """Cheapest strategy, and its height of the pelvis, m. by_arm: distance from the arms' edge, m."""
         heights, edges = self.reach.heights, farthest(fields)
         leans_at = min(height, heights[-1])  # straight legs do not lean
         if self.forced is not None:
@@ -270,7 +266,6 @@ def strategies_of(
 
 
 def _on_edge(place: Vector, field: Sequence[float]) -> Vector:
-    """Nearest place on the edge of the map, or a place inside."""
     beyond, (x, y, z) = min(field[1:-3]), field[-3:]
     length = norm(np.array([x, y, z]))
     if beyond <= 0.0 or length == 0.0:

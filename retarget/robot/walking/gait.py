@@ -134,7 +134,6 @@ def _fault(steps: Steps, robot: RobotBody, parts: str) -> tuple[str, str] | None
 
 
 def _unable(robot: RobotBody, *, mass: bool) -> str | None:
-    """Reason why a robot stays planted; None: it walks."""
     load, missed = on_one_leg(robot)
     gait = gait_of(robot, plant(robot, robot.profile.postures.stand), dt=1.0 / robot.profile.safety.rate_hz)
     stop = (1.0 + LONGEST_TIME) * gait.period + max(MOST_EASE_S, CATCH / gait.omega) + EASE / gait.omega

@@ -15,7 +15,8 @@ from retarget.ik.whole_body_stop import StopPath
 from retarget.model.body import JointLimits
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.robot.following_limits import servo_limits
-from retarget.robot.landmarks import PELVIS, UP
+from retarget.robot.free_legs import UP
+from retarget.robot.landmarks import PELVIS
 from retarget.robot.walking.gait import fastest, gait_of
 from retarget.robot.walking.pattern import Request
 from retarget.robot.walking.travel import Travel, WalkTally

@@ -107,7 +107,6 @@ class PathPlanner:
         return replace(sketch.path, postures=np.array(sketch.postures))
 
     def _aim(self, soles: FloatArray, mass: FloatArray, yaw: float, turned: FloatArray) -> None:
-        """Write the targets of a row. soles: (2, 4)."""
         targets = self._targets
         for k, (sole, middle, pose) in enumerate(zip(self._soles, self._middles, soles, strict=True)):
             about = turn((0.0, 0.0, float(pose[3])))

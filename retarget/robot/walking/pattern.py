@@ -23,7 +23,7 @@ from retarget.types import BoolArray, FloatArray
 
 LEFT, RIGHT = 0, 1
 OUTWARD = (1.0, -1.0)
-"""Sign of y on the outer side of each foot."""
+"""Sign of y outside each foot."""
 # Times in 1/w, which keep the zero-moment point 3 cm inside OP3's soles.
 RAMP = 1.3
 """Time of the zero-moment point between a sole and the middle of both."""
@@ -32,7 +32,7 @@ CATCH = 2.0
 EASE = 3.9
 """Time to come to rest after the last step."""
 ROLL = 0.35
-"""Movement of the zero-moment point on a single sole, relative to the step: legs reach less far."""
+"""Movement of the zero-moment point on a single sole, relative to the step."""
 
 
 @dataclass(frozen=True)
@@ -255,5 +255,4 @@ def _divergent(zmp: FloatArray, end: FloatArray, kept: float) -> FloatArray:
 
 
 def _convergent(zmp: FloatArray, start: FloatArray, kept: float) -> FloatArray:
-    """Convergent component (k, n) m that starts at (n,) m."""
     return _divergent(zmp[::-1], start, kept)[::-1]

@@ -31,7 +31,7 @@ LEASH = 2.0
 MOST_TURN = 1.5
 """Greatest backlog of turning during a walk, rad."""
 LIFTED_S, LIFTED = 0.7, 0.4
-"""Time since the last swing after which a performer stands, s or in strides, whichever is longer."""
+"""Time since the last swing after which a performer stands: the longer of s and strides."""
 ONE_LEG_S = 3.0
 """Time on one foot after which a performer stands, s."""
 SLOWEST = 0.25
@@ -173,5 +173,4 @@ class Travel:
 
 
 def _length(moved: FloatArray) -> FloatArray:
-    """Length (2,) of a movement (3,): m, rad."""
     return np.array([hypot(float(moved[0]), float(moved[1])), abs(float(moved[2]))])

@@ -1,7 +1,7 @@
 """Walker: guides a robot from a stand, step by step, to another stand.
 
-The robot is always on a path that ends standing, and the gate verifies each goal with the rest of that path. The next
-path is made during a step. Without it, or if the gate refuses it, the robot stays on its path.
+The robot is always on a path that ends standing, and the gate verifies each goal with its rest. The next path is made
+during a step; without it the robot stays on its path.
 """
 
 from math import ceil, sqrt
@@ -36,15 +36,13 @@ ROWS = 24
 EARLY_S = 0.35
 """Time by which the next path is early, so that arms can make room for the legs, s."""
 EASE_ACCELERATION, EASE_TURN = 0.4, 6.0
-"""Accelerations to the walking height and an upright trunk, m/s^2 and rad/s^2, which hardly move the zero-moment
-point."""
+"""Accelerations to the walking height and an upright trunk, m/s^2 and rad/s^2."""
 FORESEEN_S = 0.056
 """Time between the postures of legs that arms keep clear of, s."""
 
 
 class Walker:
-    """Guides one robot. path, row: its place on a path; None: it stands. feet: while it stands, world. steps: their
-    number."""
+    """Guides one robot. path, row: its place; None: it stands. feet: while it stands, world."""
 
     def __init__(self, robot: RobotBody, stance: Stance, limits: JointLimits, carrying: BoolArray, gait: Gait) -> None:
         """limits (nv,): for the paths. carrying (nv,): the root and the joints of the legs."""
@@ -125,7 +123,7 @@ class Walker:
                     self._sketch, self._next, self._refused = None, None, self.path
                 self.path, self.row = path, row
                 break
-        else:  # no path has this posture: before a step the robot stands
+        else:  # on no path
             if self.path.step is None:
                 self.stand()
         self._before = self.path, self.row
@@ -154,14 +152,14 @@ class Walker:
         first = path.postures[since].copy()
         first[self.others] = q[self.others]
         velocity = planner.velocity(path.postures[max(since - 1, 0)], path.postures[since])
-        rests = since > path.touchdown or path.step is None  # else it goes on from a touchdown
+        rests = since > path.touchdown or path.step is None
         begun, row = (standing(path.feet, planner.mass(first), 1), 0) if rests else (path.pattern, since)
 
         def off(heights: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
             return planner.off(first, np.array([*begun.mass[row, :2], heights[0]]), float(begun.yaws[row]))
 
         double = gait.double_ticks
-        if rests:  # the mass moves to one side and to its height before the other foot is lifted
+        if rests:  # the mass moves before the other foot is lifted
             offset, turned = off(self._heights(request, gait.ticks))
             ease = max(sqrt(PEAK * norm(offset) / EASE_ACCELERATION), sqrt(PEAK * norm(turned) / EASE_TURN))
             double = max(gait.natural(CATCH), round(min(ease, MOST_EASE_S) / gait.dt))
@@ -179,13 +177,11 @@ class Walker:
         return Sketch(made, [first], velocity, *off(heights), double if rests else ticks)
 
     def _heights(self, request: Request, ticks: int) -> tuple[float, float]:
-        """Heights of the mass, m, in a step of so many ticks."""
         time = ticks * self.gait.dt
         speed = clipped(self.gait, request, time)
         return walking_heights(self.gait, hypot(speed.forward, speed.left) * time)
 
     def _feet(self, before: Step | None, *, left: bool) -> tuple[int, ...]:
-        """Feet that may make the next step, the better one first."""
         if before is not None:
             return (before.carrying,)
         if self._refused is not None and self._refused.step is not None:  # arms make room for that foot

@@ -24,7 +24,7 @@ from retarget.ik.support_polygon import Stance
 from retarget.model.robot import RobotBody
 from retarget.robot.balance import leg_joints
 from retarget.robot.deflection_compensation import DeflectionCompensation, Offset
-from retarget.robot.landmarks import UP
+from retarget.robot.free_legs import UP
 from retarget.robot.walking.path import ROOT
 from retarget.robot.walking.pattern import Gait
 from retarget.robot.walking.pattern import rotated as yawed
@@ -171,14 +171,12 @@ class WalkDynamics:
         moved = body.joint_body[rows]
         self._axes = body.joint_axis[rows]
         frames = [sole.frame for sole in stance.soles]
-        turned = [rotations.conjugate(sole.orientation) for sole in stance.soles]
-        middles = []
-        for sole, back in zip(stance.soles, turned, strict=True):
+        middles, self._ahead = [], []
+        for sole in stance.soles:
+            back = rotations.multiply(sole.frame.quat, rotations.conjugate(sole.orientation))
             off = np.array([*(sole.outline.mean(axis=0) - sole.position[:2]), 0.0])
-            middles.append(sole.frame.position + rotations.rotate(rotations.multiply(sole.frame.quat, back), off))
-        self._ahead = [
-            rotations.multiply(sole.frame.quat, back) for sole, back in zip(stance.soles, turned, strict=True)
-        ]
+            middles.append(sole.frame.position + rotations.rotate(back, off))
+            self._ahead.append(back)
         self._ends = len(links), len(links) + len(rows)
         self._probe = Probe(
             body.solver_body(),
