@@ -30,7 +30,7 @@ MOST_OF_ALL = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Watched:
-    """One quantity of every servo. stop: bounds beyond which the robot stops after `patience`, s. warn: bounds of a
+    """One quantity of every servo. stop: bounds beyond which the robot stops after `debounce`, s. warn: bounds of a
     warning, which ends `ease` within them. slows: the warning slows the robot. text: the fault, with bounds {0} and
     {1}. value: format of a value. quantity: name of a value that must remain readable."""
 
@@ -38,7 +38,7 @@ class Watched:
     stop: Bounds
     text: str
     value: str = ""
-    patience: float = 0.0
+    debounce: float = 0.0
     warn: Bounds = ANYTHING
     ease: float = 0.0
     slows: bool = False
@@ -95,7 +95,7 @@ def watched(limits: GuardLimits) -> tuple[Watched, ...]:
             warn=(0, limits.warn_current),
             text=f"draws more than {{1:g}} A for {limits.current_time:g} s:",
             value="{:.2f} A",
-            patience=limits.current_time,
+            debounce=limits.current_time,
             ease=eased(limits.warn_current),
             slows=True,
         ),
@@ -111,7 +111,7 @@ def watched(limits: GuardLimits) -> tuple[Watched, ...]:
             warn=(0, limits.warn_following_error),
             text=f"is more than {{1:g}} rad from its goal for {limits.sustained_time:g} s:",
             value="{:.2f} rad",
-            patience=limits.sustained_time,
+            debounce=limits.sustained_time,
             ease=eased(limits.warn_following_error),
         ),
     )
@@ -148,30 +148,30 @@ TIME_ROUND_OFF = 1e-9
 
 
 class ServoLevels:
-    """Bounds of values (rows, n), and a patience, s, per row. NaN is within every bound."""
+    """Bounds of values (rows, n), and a debounce time, s, per row. NaN is within every bound."""
 
-    def __init__(self, bounds: Sequence[tuple[float, float]], patience: Sequence[float], count: int) -> None:
+    def __init__(self, bounds: Sequence[tuple[float, float]], debounce: Sequence[float], count: int) -> None:
         self.least = np.array([[least] * count for least, _ in bounds])  # (rows, n)
         self.most = np.array([[most] * count for _, most in bounds])
-        self._patience = np.array(patience)[:, None] - TIME_ROUND_OFF
+        self._debounce = np.array(debounce)[:, None] - TIME_ROUND_OFF
         self._nothing = np.full(self.least.shape, np.inf)
         self._since = self._nothing  # [s] when each went beyond, infinite where it is within
         self.count = 0
         """Values beyond their bounds."""
 
     def beyond(self, seen: FloatArray, now: float) -> BoolArray:
-        """Return the mask (rows, n) of values beyond their bounds for their whole patience at `now`, s."""
+        """Return the mask (rows, n) of values beyond their bounds for their whole debounce time at `now`, s."""
         out: BoolArray = (seen < self.least) | (seen > self.most)
         self.count = int(np.count_nonzero(out))
         if not self.count:
             self._since = self._nothing
             return out
         self._since = np.where(out, np.minimum(self._since, now), np.inf)
-        late = now - self._since >= self._patience
+        late = now - self._since >= self._debounce
         return np.asarray(out & late)
 
     def forget(self) -> None:
-        """Restart all patience times."""
+        """Restart all debounce times."""
         self._since, self.count = self._nothing, 0
 
 
@@ -218,7 +218,7 @@ class ServoWarnings:
         self._servos, self._rows = tuple(servos), tuple(rows)
         self._share = share
         bounds, ease = [row.warn for row in rows], np.array([[row.ease] for row in rows])
-        self.levels = ServoLevels(bounds, [row.patience for row in rows], len(servos))
+        self.levels = ServoLevels(bounds, [row.debounce for row in rows], len(servos))
         self._calm_least, self._calm_most = self.levels.least + ease, self.levels.most - ease
         self._slows = np.array([row.slows for row in rows])
         self.active = np.zeros(self.levels.least.shape, dtype=np.bool_)
@@ -366,7 +366,7 @@ class ServoHealth:
         self.buses = BusHealth(joint_map, limits.max_silence, self._limbs)
         self.lost: BoolArray = np.zeros(count, dtype=np.bool_)
         self._expected = ExpectedRange(np.array(limits.lag or (0.0,) * count))
-        self._levels = ServoLevels([row.stop for row in self._rows], [row.patience for row in self._rows], count)
+        self._levels = ServoLevels([row.stop for row in self._rows], [row.debounce for row in self._rows], count)
         self.warnings = ServoWarnings(joint_map.servos, self._rows, limits.slow_share)
         warm = limits.warn_temperature if np.isfinite(limits.warn_temperature) else limits.max_temperature
         self._heat = HeatForecast(warm, ~self._limbs)

@@ -122,16 +122,14 @@ class FaultyBus(MockBus):
             raise BusError(describe(what=f"no answer from {names}", where=f"mock bus, torque {'on' if on else 'off'}"))
 
     def _catch_up(self) -> None:
-        """Apply alerts, and move on."""
+        """Apply alerts, and move the servos that have torque and are not stuck."""
         for fault in self._faults:
             if fault.kind is FaultKind.ALERT and fault.lasts(self._cycle):
                 self._alert[fault.servo] |= fault.alert
                 self._torque[fault.servo] &= not fault.alert
+        torque, self._torque = self._torque, self._torque > self._struck(FaultKind.STUCK)
         super()._catch_up()
-
-    def _turning(self) -> BoolArray:
-        """Which shafts (n,) have torque, and are not stuck."""
-        return self._torque > self._struck(FaultKind.STUCK)
+        self._torque = torque
 
     def _registers(self) -> ServoStates:
         """The registers, with what healthy servos at rest would measure; a servo without a current register none."""
