@@ -176,7 +176,7 @@ def _measured(file: ArrayFile, *, unit: float) -> dict[str, float]:
             if near in groups and far in groups:
                 ends = [positions[:, [columns[name] for name in groups[one]]].mean(axis=1) for one in (near, far)]
                 lengths = norms(ends[1] - ends[0])
-                seen = lengths[(lengths > 0.0) & (lengths <= MAX_VALUE)]  # nor NaN
+                seen = lengths[(lengths > 0.0) & (lengths <= MAX_VALUE)]  # False for NaN
                 if len(seen):
                     found[far] = float(np.median(seen)) * unit
     return found

@@ -30,7 +30,7 @@ OFTEN = 0.9
 """Share of frames in which a body is on its floor: jumps last parts of a second."""
 
 TOES_ALIGNED = 0.3
-"""Least mean cosine between feet and forward that shows it: feet turn out by up to 60 degrees (0.5), and more in side
+"""Least mean cosine between feet and forward that shows it: feet turn out by up to 60 degrees (0.5), more in side
 steps."""
 KNEES_FORWARD, KNEES_BACK = 0.02, -0.07
 """Mean bend of a knee to the front, as a share of the leg, that shows forward, or the reverse: knees overstretch by up
@@ -95,7 +95,7 @@ def world_axes(
         old, new = axis_name(declared), axis_name(stands)
         note = f"the body lies along {new}, on the floor of its up axis {old}: if it stands, add --up={new}"
         up, notes = declared, (note,)
-    elif not abs(float(np.nanmin(_heights(tracks, ("ankle",), stands)))) < NEAR_GROUND:  # nor NaN
+    elif not abs(float(np.nanmin(_heights(tracks, ("ankle",), stands)))) < NEAR_GROUND:  # False for NaN
         up = declared
     else:
         note = (
@@ -120,7 +120,7 @@ def _standing_axis(tracks: Mapping[str, FloatArray]) -> FloatArray | None:
         return None
     line = high - low
     length = norms(line)
-    seen = length > 0.0  # nor NaN
+    seen = length > 0.0  # False for NaN
     if not seen.any():
         return None
     direction = np.mean(line[seen] / length[seen, None], axis=0)

@@ -294,7 +294,7 @@ def _values(file: _File, index: int, kind: str) -> FloatArray:
     values = raw.astype(float)
     if not floats:
         values = np.maximum(values / np.iinfo(dtype).max, -1.0)
-    if not np.abs(values).max() <= MAX_VALUE:  # nor NaN
+    if not np.abs(values).max() <= MAX_VALUE:  # False for NaN
         raise file.error("not a usable number", part, allowed="finite numbers up to 1e9")
     return file.values.setdefault(index, values)
 

@@ -118,7 +118,7 @@ def refuse_values(
     for option, path in (("--skeleton", skeleton), ("--markers", markers)):
         if path is not None and not Path(path).is_file():
             raise InputError("no such file", where=option, found=str(path)[:200], next_step="Check the path")
-    if stature is not None and not low <= stature <= high:  # nor NaN
+    if stature is not None and not low <= stature <= high:  # False for NaN
         allowed = f"{low:g} to {high:g} m"
         raise UsageError("stature out of range", where="--stature", found=f"{stature:g}", allowed=allowed)
     if stature is not None and unit is not None:

@@ -145,7 +145,7 @@ TALL = 10.0
 LARGEST = 1000.0
 """Largest coordinate of an origin of a T-pose, even in centimetres."""
 TALL_SAMPLES = 5
-"""Tall samples in a row that change the unit: one damaged sample must not."""
+"""Tall samples in a row that change the unit: one may be damaged."""
 
 
 @dataclass(frozen=True, eq=False)
