@@ -51,7 +51,7 @@ class Tick:
 
 
 class RunObserver:
-    """Observes a run. After a failure, its text, it is called no more, and the robot goes on."""
+    """Observes a run. An exception, kept as text in `failure`, ends its calls, and the robot goes on."""
 
     failure = ""
 

@@ -341,7 +341,11 @@ def _human(
         )
     if scene is not None and not options.allow_contact:
         # A reconstructor of its own keeps the check from changing the run.
-        _refuse_inside_obstacle(reconstruct(), scene, samples, human)
+        checked, sample = reconstruct(), samples.sample(0)
+        assert sample is not None and checked.observers is not None, "the first sample is valid"
+        start = checked.start(sample).q
+        without_self = replace(checked.observers, pairs=np.zeros((0, 2), dtype=np.int64))
+        refuse_contact(contacts(human.body, without_self, scene, start), where="human, first posture")
     return Prepared(
         samples=samples,
         human=human,
@@ -400,15 +404,6 @@ def _load_priorities(name: str, named_by: str) -> Priorities:
     except UsageError as error:
         problems = [problem if problem.where else replace(problem, where=named_by) for problem in error.problems]
         raise UsageError.from_problems(problems) from error
-
-
-def _refuse_inside_obstacle(reconstructor: Reconstructor, scene: SceneState, samples: Samples, human: Human) -> None:
-    """Raise UsageError if the human's first posture touches an obstacle."""
-    sample = samples.sample(0)
-    assert sample is not None and reconstructor.observers is not None, "the first sample is valid"
-    start = reconstructor.start(sample).q
-    without_self = replace(reconstructor.observers, pairs=np.zeros((0, 2), dtype=np.int64))
-    refuse_contact(contacts(human.body, without_self, scene, start), where="human, first posture")
 
 
 def limbs_of(robot: RobotBody) -> tuple[bool, ...]:

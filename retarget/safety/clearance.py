@@ -77,7 +77,6 @@ class PathClearance:
         )
         self._obstacles = scene_obstacles
         self._dt = dt
-        self._columns = robot.servo_columns
         self._following = FollowingError(robot.joint_map.tick_rad, dt=dt)
         self._measured: FloatArray | None = None
         self._refused: Pair | None = None  # on the last path

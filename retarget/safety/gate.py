@@ -61,8 +61,11 @@ class Compensation(Protocol):
         ahead: FloatArray,
         walks: bool | None,
     ) -> tuple[FloatArray, Compensated]:
-        """The goal (n,) rad for a posture (n,) rad. nearest: maps a goal into the limits. ahead (n,): the next
-        posture."""
+        """The goal (n,) rad for a posture (n,) rad.
+
+        last: of the goal sent last. nearest: maps a goal into the limits. ahead (n,): the next posture, rad. walks:
+        None if as before.
+        """
         ...
 
 

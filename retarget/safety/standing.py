@@ -14,7 +14,7 @@ from retarget.types import BoolArray, FloatArray
 SOLE_M = 0.001  # [m] largest displacement of a sole's corner
 BALANCE_M = 0.003  # [m] least distance of the centre of mass inside the support polygon
 MOST_FOOTHOLDS = 64  # size of the cache of support polygons; a path has ten
-NO_WORSE_M = 1e-7  # [m] rounding
+NO_WORSE_M = 1e-7  # [m] rounding by which a stop may lose more than its alternative
 
 
 @dataclass(frozen=True)

@@ -350,7 +350,7 @@ class Priorities(Schema):
     """Goals for a robot with mass on its own soles."""
     steps: Steps | None = None
     """Behaviour of the feet when the performer walks: stay; walk as well; or, on a robot that hangs, copy the
-    performer's. Absent: they stay, and those of a robot that hangs follow."""
+    performer's. Absent: stay, or copy if the robot hangs."""
     strategies: Annotated[tuple[Literal["trunk", "crouch"], ...], Field(max_length=2)] = ()
     """Means by which a robot on its soles reaches farther than its arms (see `retarget.robot.strategies`)."""
     servo_lead: Annotated[NotNegative, Field(le=2.0)] = 0.0

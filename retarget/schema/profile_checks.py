@@ -1,7 +1,7 @@
-"""Cross checks of a robot profile that need no body file: names that refer to each other, limits, soles, landmarks.
+"""Cross checks of a robot profile that need no body file.
 
 Every check takes the valid part of a profile and its document, and returns problems with their places. Names are looked
-up among the keys of the document, so that an entry with an error of its own is not called unknown as well.
+up among the keys of the document, so that an invalid entry is not called unknown as well.
 """
 
 from collections.abc import Iterable, Sequence

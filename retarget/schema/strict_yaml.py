@@ -1,11 +1,9 @@
-"""Strict YAML: text to plain data, with the line of every key, and no surprises.
+"""Strict YAML: text to plain data, with the line of every key.
 
 Accepted: one UTF-8 document of at most 1 MiB of mappings with text keys, lists and scalars, at most 16 levels deep.
-Refused: duplicate keys, anchors and aliases, tags, directives, several documents, numbers that are not finite.
-Plain scalars follow the YAML 1.2 core schema (https://yaml.org/spec/1.2.2/#103-core-schema), so `no` and `1:30` are
-text. `012` is refused: twelve to some, ten to others. pyyaml scans and parses; this file alone gives scalars their
-meaning.
-All problems of a file are collected; only a syntax error, too deep a nesting and too much of anything end it early.
+Refused: duplicate keys, anchors and aliases, tags, directives, several documents, numbers that are not finite. Plain
+scalars follow the YAML 1.2 core schema (https://yaml.org/spec/1.2.2/#103-core-schema), so `no` and `1:30` are text.
+`012` is refused: twelve to some, ten to others. All problems of a file are collected.
 """
 
 import math
@@ -58,10 +56,8 @@ class _Details(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Document:
-    """A YAML file as plain data. `lines`: key path (keys and list indices from the top) -> line, from 1.
-
-    `problems`: what the strict reader refuses; the data then has holes (None) and must only be used to find more.
-    """
+    """A YAML file as plain data. lines: from 1, by key path (keys and list indices from the top). problems: found by
+    the strict reader; the data then have holes (None)."""
 
     path: Path
     data: dict[str, Node]
