@@ -112,7 +112,6 @@ class MockBus:
         self._velocity = turns * velocity * self._tick_rad
 
     def _registers(self) -> ServoStates:
-        """Return the registers of all servos, rounded as they round."""
         count = len(self._map)
         return ServoStates(
             time=self._time,

@@ -1,10 +1,8 @@
-"""Synthetic performer: six reach and crouch cycles, in place of a recording.
+"""Synthetic performers: reach and crouch cycles, gestures, a stroll.
 
-Timing and heights follow CMU trial 02_06 (bend over, scoop up, rise, lift the right arm): a crouch about every 330
-frames at 120 Hz with the pelvis 0.54 to 0.60 m high, a drop of 0.37 to 0.43 m, the right hand at 1.88 to 1.95 m in
-between, feet down throughout. The body is a simple skeleton of 1.7 m: trunk and arms by forward kinematics, legs by
-two-link inverse kinematics onto planted feet, so bone lengths are constant and soles do not move. All paths are
-minimum-jerk, hence C2.
+The cycles have the timing and heights of CMU trial 02_06 (bend over, scoop up, rise, lift the right arm). The body is a
+skeleton of 1.7 m: trunk and arms by forward kinematics, legs by two-link inverse kinematics onto planted feet, so that
+bone lengths are constant and soles do not move. All paths are minimum-jerk, hence C2.
 """
 
 from typing import NamedTuple
@@ -28,18 +26,18 @@ CYCLE_S = 2.73
 CROUCH_TO_REACH_S = 1.28
 STANDING_HEIGHT = 0.97
 CROUCH_HEIGHT = (0.545, 0.595)
-"""When it crouches and reaches, s, and heights of the pelvis, m, standing and in the deepest and flattest crouch:
-rounded from that trial."""
+"""Times of crouch and reach, s, and heights of the pelvis, m, standing and in the deepest and flattest crouch, rounded
+from that trial."""
 
 THIGH, SHANK = 0.42, 0.41
 HIP = np.array([0.0, 0.09, -0.09])
 ANKLE = np.array([0.0, 0.13, 0.08])
 TOE = np.array([0.13, 0.0, -0.05])
 FOOT_YAW = np.radians(8.0)
-"""Lengths and offsets of the left leg, m, x forward, y left, z up, and how far feet turn out, rad: a person of 1.75
-m."""
+"""Lengths and offsets of the left leg, m, x forward, y left, z up, and outward turn of the feet, rad, of a person of
+1.75 m."""
 
-# Joint, parent, rest offset (m) of the left side; "s" stands for a side. The rest pose is a T-pose facing x.
+# Joint, parent, rest offset (m) of the left side; "s" is a side. The rest pose is a T-pose facing x.
 _UPPER_BODY: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
     ("pelvis", "", (0.0, 0.0, 0.0)),
     ("spine", "pelvis", (0.0, 0.0, 0.11)),
@@ -55,8 +53,8 @@ _UPPER_BODY: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
 
 
 class _Path(NamedTuple):
-    """A quantity of the body: its value when it stands, crouches and reaches; by how much crouch and reach vary from
-    cycle to cycle (uniform, plus or minus); how much later (s) than the hand it comes to its reach."""
+    """A quantity of the body when it stands, crouches and reaches; the variation (uniform, plus or minus) from cycle to
+    cycle; its delay behind the reach of the hand, s."""
 
     standing: float
     crouched: float
@@ -65,7 +63,7 @@ class _Path(NamedTuple):
     delay: float = 0.0
 
 
-# Lengths m, angles degrees; flexion bends forward, an arm hangs at 0. How low a crouch is: CROUCH_HEIGHT.
+# Lengths m, angles degrees; flexion bends forward, an arm hangs at 0. CROUCH_HEIGHT replaces the height of a crouch.
 _PATHS = {
     "height": _Path(STANDING_HEIGHT, 0.0, STANDING_HEIGHT, delay=-0.15),
     "forward": _Path(0.0, -0.13, 0.0, varies=0.01, delay=-0.15),
@@ -86,10 +84,9 @@ _PATHS = {
 
 
 def synthetic_performer(seed: int = 0, *, rate_hz: float = RATE_HZ) -> SensorFrames:
-    """Six reach and crouch cycles, about 18.6 s, with all sensors, joint truth and skeleton.
+    """Make six reach and crouch cycles, 18.6 s, with all sensors, joint truth and skeleton, facing x.
 
-    seed: of the small differences between the cycles; the same seed gives the same bits. rate_hz: frames per second.
-    Orientations and frames as in `SensorFrames`: z up, facing x, the ground at 0.
+    seed: of the variation between the cycles; the same seed gives the same bits.
     """
     time = np.arange(round(DURATION_S * rate_hz)) / rate_hz
     paths = _paths(time, np.random.default_rng(seed))
@@ -98,16 +95,16 @@ def synthetic_performer(seed: int = 0, *, rate_hz: float = RATE_HZ) -> SensorFra
 
 GESTURES_S = 40.0
 GESTURES = {"shoulder": (45.0, 22.0), "elbow": (35.0, 20.0), "spread": (10.0, 6.0)}
-"""About which angle the arms of gestures move beside where they hang, and how far, degrees."""
+"""Mean angle of the arms in gestures, from where they hang, and amplitude, degrees."""
 GESTURE_HZ, GESTURE_FALL = (0.21, 0.37, 0.55, 0.83), 0.7
-"""Frequencies of gestures, and the power with which their amplitude falls: hands are about as fast in each."""
+"""Frequencies of gestures, and the power with which their amplitudes fall, so that speeds are similar."""
 RAISED_S = 2.0
-"""Time, s, in which the arms are raised first."""
+"""Time in which the arms are raised first, s."""
 
 
 def gesturing_performer(seed: int = 4, *, rate_hz: float = RATE_HZ) -> SensorFrames:
-    """Someone who stands and moves both hands before the chest for GESTURES_S, in reach of a robot and slowly enough
-    for it. seed: of the phases; otherwise as `synthetic_performer`."""
+    """Make a performer who stands and moves both hands before the chest, in reach of a robot and slowly enough for it.
+    seed: of the phases."""
     time, generator = np.arange(round(GESTURES_S * rate_hz)) / rate_hz, np.random.default_rng(seed)
     raised = np.minimum(time / RAISED_S, 1.0)
     paths = {name: np.full(len(time), path.standing) for name, path in _PATHS.items()}
@@ -121,17 +118,17 @@ def gesturing_performer(seed: int = 4, *, rate_hz: float = RATE_HZ) -> SensorFra
 
 
 STROLL_S, STROLL_STEP_S = (1.5, 11.1, 14.0), 0.8
-"""When a stroll begins and ends, and its recording; and the time of a step, s."""
+"""Begin and end of a stroll, end of its recording, and time of a step, s."""
 STROLL_SPEED, STROLL_LIFT, STROLL_HEIGHT = 0.38, 0.07, 0.95
-"""m/s, slow enough for a robot of a quarter of the size at half speed; how high feet are lifted, and the pelvis is,
+"""Speed, m/s, slow enough for a robot of a quarter of the size at half speed; lift of the feet, height of the pelvis,
 m."""
 STROLL_ARMS = (22.0, 12.0)
-"""How far shoulders and elbows swing, degrees."""
+"""Swing of shoulders and elbows, degrees."""
 
 
 def strolling_performer(*, rate_hz: float = RATE_HZ) -> SensorFrames:
-    """Someone who stands, walks some 3.6 m straight ahead and stands again, arms swinging. A foot lands where the
-    pelvis is half a step later. Otherwise as `synthetic_performer`."""
+    """Make a performer who stands, walks some 3.6 m straight ahead and stands again, arms swinging. A foot touches down
+    where the pelvis is half a step later."""
     begin, end, duration = STROLL_S
     time = np.arange(round(duration * rate_hz)) / rate_hz
     shares = minimum_jerk(time, np.array([begin, begin + STROLL_STEP_S]), np.array([0.0, 1.0]))
@@ -166,8 +163,8 @@ def _performer(
     source: str,
     feet: dict[float, FloatArray] | None = None,
 ) -> SensorFrames:
-    """The sensors, joints and skeleton of a body that moves by the values (T,) of `_PATHS` at times (T,) s. feet: how
-    far (T, 3) m the left one (1) and the right one (-1) have gone."""
+    """Return the frames of a body with the values (T,) of `_PATHS` at times (T,) s. feet: displacement (T, 3) m of the
+    left foot (1) and the right foot (-1)."""
     tree = upper_body()
     pose = _upper_pose(tree, paths)
     joints = {name: pose.position[:, i] for i, name in enumerate(tree.names)}
@@ -194,10 +191,9 @@ def _performer(
 
 
 def minimum_jerk(time: FloatArray, key_times: FloatArray, key_values: FloatArray) -> FloatArray:
-    """Values (T,), in the unit of the keys, that rest at each key and go between keys with least jerk (Flash and Hogan
-    1985): C2 throughout.
+    """Return values (T,) that rest at each key and go between keys with least jerk (Flash and Hogan 1985): C2.
 
-    Before the first key and after the last, their values are held. key_times rise strictly.
+    Values are constant before the first key and after the last. key_times rise strictly.
     """
     left = np.clip(np.searchsorted(key_times, time, side="right") - 1, 0, len(key_times) - 2)
     u = np.clip((time - key_times[left]) / (key_times[left + 1] - key_times[left]), 0.0, 1.0)
@@ -206,7 +202,7 @@ def minimum_jerk(time: FloatArray, key_times: FloatArray, key_values: FloatArray
 
 
 def _paths(time: FloatArray, generator: np.random.Generator) -> dict[str, FloatArray]:
-    """Value (T,) of every quantity of `_PATHS` over time."""
+    """Return the values (T,) of every quantity of `_PATHS`."""
     crouch_times = FIRST_CROUCH_S + CYCLE_S * np.arange(CYCLES) + generator.uniform(-0.03, 0.03, CYCLES)
     reach_times = crouch_times + CROUCH_TO_REACH_S + generator.uniform(-0.03, 0.03, CYCLES)
     heights = generator.uniform(*CROUCH_HEIGHT, CYCLES)
@@ -216,7 +212,7 @@ def _paths(time: FloatArray, generator: np.random.Generator) -> dict[str, FloatA
         crouched = heights if name == "height" else crouch + varies * generator.uniform(-1.0, 1.0, CYCLES)
         reached = reach + (0.0 if name == "height" else varies * generator.uniform(-1.0, 1.0, CYCLES))
         values = np.column_stack([crouched, np.broadcast_to(reached, CYCLES)]).ravel()
-        # Only the way up is shifted: all joints reach the bottom together, from the pelvis outwards they leave it.
+        # Only the rise is delayed: all joints reach the bottom together, and leave it from the pelvis outwards.
         times = np.column_stack([crouch_times, reach_times + delay]).ravel()
         keys = np.concatenate([[0.0], times, [end]])
         paths[name] = minimum_jerk(time, keys, np.concatenate([[standing], values, [standing]]))
@@ -224,7 +220,7 @@ def _paths(time: FloatArray, generator: np.random.Generator) -> dict[str, FloatA
 
 
 def upper_body() -> JointTree:
-    """Pelvis, trunk, head and both arms as a tree."""
+    """Return pelvis, trunk, head and both arms as a tree."""
     rows = [row for row in _UPPER_BODY if not row[0].startswith("s_")]
     for side, sign in (("l_", 1.0), ("r_", -1.0)):
         for name, parent, (x, y, z) in _UPPER_BODY:
@@ -241,7 +237,7 @@ def upper_body() -> JointTree:
 
 
 def _upper_pose(tree: JointTree, paths: dict[str, FloatArray]) -> JointPoses:
-    """Forward kinematics of trunk and arms. Positive pitch bends forward (about y), positive twist turns left (z)."""
+    """Return the poses of trunk and arms. Positive pitch bends forward (about y), positive twist turns left (z)."""
     frames = len(paths["height"])
     angle = {name: np.radians(path) for name, path in paths.items() if name not in ("height", "forward", "sway")}
     zero = np.zeros(frames)
@@ -267,11 +263,10 @@ def _upper_pose(tree: JointTree, paths: dict[str, FloatArray]) -> JointPoses:
 def leg(
     pelvis: FloatArray, turn: FloatArray, sign: float, gone: FloatArray | None = None
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Joint positions (T, 3) and segment orientations (T, 4) of one leg on its flat foot. sign: +1 left, -1 right. gone
-    (T, 3) m: how far its foot has; None: it stays planted.
+    """Return joint positions (T, 3) and segment orientations (T, 4) of a leg on its flat foot.
 
-    The knee lies where a thigh and a shank of constant length meet, in the vertical plane of the foot's direction
-    through hip and ankle.
+    sign: +1 left, -1 right. gone: displacement of the foot (T, 3) m; None: planted. The knee is in the vertical plane
+    of the foot's direction through hip and ankle.
     """
     mirror = np.array([1.0, sign, 1.0])
     hip = pelvis + rotations.rotate(turn, HIP * mirror)
@@ -292,13 +287,13 @@ def leg(
 
 
 def _segment(bottom: FloatArray, top: FloatArray, left: FloatArray) -> FloatArray:
-    """Orientation (T, 4) of a segment whose z goes from bottom to top and whose y is the unit vector `left`."""
+    """Return the orientation (T, 4) of a segment with z from bottom to top and y along the unit vector `left`."""
     up = (top - bottom) / norms(top - bottom)[:, None]
     return rotations.from_matrix(np.stack([np.cross(left, up), left, up], axis=-1))
 
 
 def rest_skeleton(tree: JointTree, names: tuple[str, ...]) -> Skeleton:
-    """The T-pose with straight legs."""
+    """Return the T-pose with straight legs."""
     rest = dict(zip(tree.names, tree.rest_positions(), strict=True))
     for side, sign in (("l", 1.0), ("r", -1.0)):
         mirror = np.array([1.0, sign, 1.0])

@@ -205,7 +205,6 @@ class Conversation:
         return [Reply(device, frames[0] if len(frames) == 1 else self._mixed(frames), delay)]
 
     def _mixed(self, frames: Sequence[bytes]) -> bytes:
-        """Return the noise of frames that are sent at the same time."""
         return self._noise.randbytes(max(map(len, frames)))
 
     def _fast(self, items: Sequence[ReadItem], turns: Sequence[Turn], now: float) -> list[Reply]:

@@ -47,7 +47,6 @@ class FaultState:
         self._reset()
 
     def _reset(self) -> None:
-        """Sort the active faults by their effects."""
         self.missing = self._ids(FaultKind.MISSING)
         self.silent_tail = self._ids(FaultKind.SILENT_TAIL)
         self.clashing = self._ids(FaultKind.ID_CLASH)
@@ -123,7 +122,6 @@ class FaultState:
         return mangled(packet, hits, self._chance)
 
     def _ids(self, kind: FaultKind) -> frozenset[int]:
-        """Return the ids of the active faults of a kind."""
         hit = [fault for fault in self.active if fault.kind is kind]
         return frozenset(own for fault in hit for own in fault.ids or [device.id for device in self._devices])
 
@@ -275,7 +273,6 @@ def obey(line: str, states: dict[str, FaultState], buses: Buses, now: Callable[[
 
 
 def _kind(word: str) -> FaultKind:
-    """Return the kind of a name. Raises UsageError."""
     names = [kind.value for kind in FaultKind]
     if word not in names:
         raise UsageError("unknown fault", found=repr(word), allowed=", ".join(names), next_step=suggest(word, names))
@@ -283,5 +280,4 @@ def _kind(word: str) -> FaultKind:
 
 
 def _scalar(text: str) -> Node:
-    """Return a word as the strict reader of files reads it."""
     return scan(f"value: {text}", Path("faults")).data["value"] if text.isascii() else text

@@ -180,7 +180,6 @@ class Line:
             self._send_replies(replies, end)
 
     def _send_replies(self, replies: Sequence[Reply], end: float) -> None:
-        """Put answers on the wire, one after the other, from the `end` of the instruction on."""
         timing, faults = self.timing, self.faults
         at = max(end, self.servos_free)
         if timing.instant and not faults.spoil:

@@ -227,7 +227,7 @@ class PseudoTerminal:
             self.line.receive(piece, now)
 
     def send(self, now: float) -> None:
-        """Pass the bytes that are due by `now` to the client. Those that it does not take are lost."""
+        """Pass the bytes that are due by `now` to the client. Bytes that it does not take are lost."""
         due = self.line.next_due
         if due is not None and now - due > HOPELESS:
             self.too_late = max(self.too_late, now - due)

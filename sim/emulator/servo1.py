@@ -222,14 +222,12 @@ class EmulatedServo1(ServoBody):
             self._aim(now)
 
     def _set_torque(self, on: bool) -> None:
-        """Switch torque; on, the shaft holds its position."""
         if self.switch(on):
             self.shaft.refresh()
             if self.shaft.torque:
                 self.shaft.hold()
 
     def _aim(self, now: float) -> None:
-        """Go to the goal registers."""
         shaft, memory = self.shaft, self.memory
         unit = (self.table["moving_speed"].scale or 0.0) / self.servo_model.tick_rad  # [tick/s]
         moving_speed = memory.value("moving_speed") * unit
@@ -253,7 +251,6 @@ class EmulatedServo1(ServoBody):
         shaft.refresh()
 
     def _set_goal(self, count: int) -> None:
-        """Set the goal register, within its limits."""
         low, high = goal_bounds1(self.memory)
         self.memory.put("goal_position", max(min(count, high), low))
 

@@ -63,7 +63,6 @@ _FULL_LOAD = 1000  # load register, 0.1 %
 
 
 def _wrapped(position: float) -> int:
-    """Return a position as its register of 32 bits shows it."""
     return (round(position) + _WRAP & 2 * _WRAP - 1) - _WRAP
 
 
@@ -155,7 +154,6 @@ class EmulatedServo(ServoBody):
         }
 
     def _measured(self) -> None:
-        """Refresh the registers of current or load, voltage and temperature."""
         electrics = self.electrics
         load = min(max((electrics.current - IDLE_CURRENT) / LARGEST_CURRENT, 0.0), 1.0)
         values = {
@@ -307,7 +305,6 @@ class EmulatedServo(ServoBody):
             self._set_torque(False, self.shaft.time)
 
     def _set_torque(self, on: bool, now: float) -> None:
-        """Switch torque; on, it goes to the goal registers."""
         shaft = self.shaft
         if self.switch(on):
             self._watchdog.arm(self.memory.value_or("bus_watchdog", 0), now, torque=shaft.torque)

@@ -154,7 +154,6 @@ class ServoBody(Device):
         self._power(now)
 
     def _power(self, now: float) -> None:
-        """Switch the electronics by power switch and supply voltage."""
         powered = not self._power_is_cut and self.electrics.supplied >= BROWN_OUT
         if not powered and self._awake_at < inf:
             self.reboot(now)
@@ -202,7 +201,6 @@ class ServoBody(Device):
         return True
 
     def _reset(self) -> None:
-        """Bring the RAM area to its state after a start."""
         self.registered = None
         self.defaults(self.table.eeprom_end, self.table.size)
         self.shaft.path, self.shaft.speed = None, 0.0

@@ -301,7 +301,6 @@ class Shaft:
             self.refresh()
 
     def _follow_path(self, start: float, step: float) -> None:
-        """Do a step of the position loop."""
         begin, end = self.target, self.target
         speed = 0.0
         if self.path is not None:
@@ -323,7 +322,6 @@ class Shaft:
         self.position += moved
 
     def _follow_speed(self, step: float) -> None:
-        """Do a step of the velocity, current and PWM laws."""
         if self.law is Law.VELOCITY:
             change = min(max(self.speed - self._reference, -self.ramp * step), self.ramp * step)
             self._reference += change

@@ -65,13 +65,11 @@ class TickEnd:
 class Trace:
     """The events of a run; all times in s of its clock.
 
-    out: sensors that took no part in a tick. speeds: greatest speed (m/s) of a joint with a sensor, of the human's
-    body. sent: every packet of the host. postures: those that each goal holds under load, (n,) rad. let_go: servos (id)
-    that stopped driving, by torque off or watchdog. began: start of following. approach_ended: end of the approach.
-    gone: when the host was killed. acted: when faults that wait for an event took effect, each once. rebased: when the
-    clock map followed a jump of the sender's clock. desired: postures (n,), rad, that a forced stage returned. torque:
-    registers of all servos in the end. writes_fail: the host could not write any more. left: the end of the run was not
-    observed. endless: it did not end.
+    out: sensors that took no part in a tick. speeds: greatest speed (m/s) of a joint of the human with a sensor. sent:
+    packets of the host. postures: of the goals under load, (n,) rad. let_go: servos (id) that stopped driving. began:
+    start of following. gone: the host was killed. acted: onsets of faults that wait for an event. rebased: the clock
+    map followed a jump of the sender's clock. desired: postures (n,), rad, of a forced stage. torque: registers of all
+    servos in the end. left: the end of the run was not observed. endless: it did not end.
     """
 
     ticks: list[TickEnd] = field(default_factory=list)

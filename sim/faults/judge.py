@@ -154,7 +154,6 @@ def late(what: str, time: float | None, onset: float, limit: float) -> list[str]
 
 
 def _reaction(row: Row, bench: Bench, onset: float) -> Judged:
-    """Judge the reaction that the row names, since the onset of its fault, s."""
     trace, limit, words = bench.trace, row.limit, BOUNDS.reactions[row.reaction.name].words
     dt, goal_tracks = goals_of(bench, trace)
     hold, stop, off = trace.first(HOLDING, onset), trace.stopped(onset), trace.first(STOPPED, onset)
@@ -246,7 +245,7 @@ class Verdict:
 
 
 class When(Enum):
-    """What the robot does when the fault begins. approaching: it is on its approach trajectory."""
+    """State of the robot when the fault begins. approaching: on its approach trajectory."""
 
     IDLE = "idle"
     APPROACHING = "approaching"
@@ -359,7 +358,6 @@ def verdict_of(row: Row, bench: Bench, *, when: When = When.MOVING) -> Verdict:
 
 
 def _idle(row: Row, trace: Trace) -> list[str]:
-    """Judge a run whose fault is there before the bus is opened."""
     if row.idle is Idle.ANY:
         return []
     if row.idle is Idle.GOES_ON:

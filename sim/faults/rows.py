@@ -57,14 +57,12 @@ class Idle(Enum):
 class Row:
     """One fault. inject: injects it into a bench at a time (s after following began; below 0: before the bus opens).
 
-    limit: s from its onset to the reaction; held: to the hold, where the reaction comes after one. cause, then: of the
-    stop that is reported, and what ended its braking. sensor: the one that is judged for OUT. said: pattern that a
-    message must match. counted: reason under which unused data must be counted. watchdog: s from the onset until every
-    servo has stopped by itself; None: not judged. refusal: texts that the refusal of an idle run must have. back: s
-    from the onset until data are good again. after: s of following after the onset. ends: s from the onset until the
-    run has ended. performer: the performer file. mass: with simulated mechanics behind the wire. recorded: the
-    performer is a recording, and the fault is one of its sensors. alone: it is not run beside another fault. approach:
-    it is injected on the approach too.
+    Times are in s from the onset. limit: of the reaction; held: of the hold before it. cause, then: of the reported
+    stop, and of the end of its braking. sensor: judged for OUT. said: pattern of a message. counted: reason of unused
+    data. watchdog: until every servo has stopped by itself. refusal: texts of the refusal of an idle run. back: until
+    data are good again. after: length of following. ends: until the run has ended. performer: the performer file. mass:
+    with simulated mechanics behind the wire. recorded: the performer is a recording with a fault of its sensors. alone:
+    not run beside another fault. approach: injected on the approach too.
 
     Beside another fault: chance: factor by which chance may delay the reaction; stretches: factor by which long ticks
     delay the other's; suspends: the host is suspended for the limit; hides: name of a row whose fault it ends.
@@ -189,7 +187,6 @@ def late(bench: Bench, times: float = np.inf) -> None:
 
 
 def _following(bench: Bench, change: Callable[[RobotPosture], RobotPosture], times: float = np.inf) -> None:
-    """Change the posture that the robot's stage returns, so many times."""
     follower, seen = bench.machine.follower, list[float]()
     start, step = follower.start, follower.step
 

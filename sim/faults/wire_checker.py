@@ -23,8 +23,7 @@ READS = frozenset((0x01, 0x02, 0x82, 0x8A, 0x92, 0x9A))
 """Ping, read, (fast) sync read, (fast) bulk read: they change no device."""
 WRITE, REG_WRITE, SYNC_WRITE = 0x03, 0x04, 0x83
 GOAL_POSITION, TORQUE_ENABLE, WATCHDOG = 116, 64, 98
-"""Instructions of protocol 2.0 and addresses of X-series registers (e-Manual), written here again so that the checker
-shares no mistake with the driver."""
+"""Instructions of protocol 2.0 and registers of the X series (e-Manual), not shared with the driver."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class Sent:
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """An instruction. time: s; id: of the device; params: what follows the instruction, without stuffing."""
+    """An instruction. time: s; id: of the device; params: unstuffed."""
 
     time: float
     id: int
@@ -47,7 +46,7 @@ class Packet:
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """A write that every servo takes at once: little-endian signed values by id, at an address. time: s."""
+    """A write: signed values by id, at an address. time: s."""
 
     time: float
     address: int
@@ -98,7 +97,7 @@ def torque_off(writes: Sequence[Written], since: float) -> float | None:
 
 
 SPANS = (1, 2, 4, 8, 16)
-"""Spans in goals over which speed and its change are judged: over long ones, rounding hides little."""
+"""Spans, in goals, of speed and its change: over long ones, rounding hides little."""
 Goals = Sequence[tuple[float, dict[int, int]]]
 """Times (s) and goals (ticks by id)."""
 
@@ -118,7 +117,7 @@ class Track:
 
 
 def once(goals: Goals, *, within: float) -> Goals:
-    """Leave out goals that are sent again within `within` s, as on a noisy line: they count as one."""
+    """Leave out goals that are repeated within `within` s, as on a noisy line."""
     found: list[tuple[float, dict[int, int]]] = []
     for time, goal in goals:
         if not (found and goal == found[-1][1] and time - found[-1][0] < within):
@@ -148,10 +147,7 @@ def posture_tracks(postures: Sequence[tuple[float, FloatArray]], servos: Sequenc
 
 
 def beyond_limits(goal_tracks: Sequence[Track], dt: float) -> list[str]:
-    """Return the violations of goals that come every `dt` s, a line each.
-
-    A late goal has the same bound on its step as one in time: it must not catch up.
-    """
+    """Return the violations of limits by goals every `dt` s, a line each. A late goal must not catch up."""
     found = []
     for track in goal_tracks:
         servo, angle = track.servo, track.angle

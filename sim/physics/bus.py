@@ -1,11 +1,11 @@
-"""Buses above a simulated robot with mass: one in ticks, and one below the shafts of emulated servos."""
+"""A bus above a simulated robot with mass, and simulated shafts for emulated servos."""
 
 from collections.abc import Mapping, Sequence
 from math import inf
 
 import numpy as np
 
-from hardware.arrays import BoolArray, FloatArray
+from hardware.arrays import FloatArray
 from hardware.bus import ServoGoals, ServoStates, check_open
 from hardware.clock import Clock
 from hardware.servo import ServoSpec
@@ -18,10 +18,10 @@ from sim.physics.simulation import BATCH_S, Simulation
 
 
 class PhysicsBus:
-    """A `hardware.bus.ServoBus`. Each call moves the simulation up to the clock's now, in whole steps.
+    """A `hardware.bus.ServoBus`. Each call moves the simulation up to the time of the clock, in whole steps.
 
-    Goals take effect `latency` s after they are written: one cycle of the robot, as on a wire. Until torque first goes
-    on a hand holds the robot (`sim.physics.mount`). imu: read with the servos; None: there is none.
+    Goals take effect `latency` s after they are written. Until torque first goes on a hand holds the robot
+    (`sim.physics.mount`). imu: read with the servos; None: there is none.
     """
 
     def __init__(
@@ -66,14 +66,13 @@ class PhysicsBus:
         self.simulation.switch(self.simulation.motors.driven)
 
     def torque(self, on: bool) -> None:
-        """Switch torque; a servo with an alert stays off. It is acknowledged, so goals that are on their way take
-        effect first. Raises BusError when closed."""
+        """Switch torque; a servo with an alert stays off. Waiting goals take effect first, since the write is
+        acknowledged. Raises BusError when closed."""
         check_open(self._open, where="physics bus, torque")
         self._catch_up()
-        wanted: BoolArray = np.full(len(self._servos), on)
         if on:
             self.simulation.settle_goals()
-        self.simulation.switch(wanted)
+        self.simulation.switch(np.full(len(self._servos), on))
 
     def close(self) -> None:
         """Switch torque off. No further call but `open`."""
@@ -82,14 +81,12 @@ class PhysicsBus:
         self._open = False
 
     def _now(self) -> float:
-        """Time since the bus was opened, s."""
         return self._clock.now() - self._origin
 
     def _catch_up(self) -> None:
         self.simulation.advance(self._now())
 
     def _registers(self) -> ServoStates:
-        """What the registers of all servos show now, rounded as they round."""
         simulation = self.simulation
         data, motors, electrics = simulation.data, simulation.motors, simulation.electrics
         count = len(self._servos)
@@ -111,28 +108,25 @@ class PhysicsBus:
         )
 
 
-# Emulated servos whose shafts the simulation turns: registers and bytes from the emulator, motion with mass.
-#
-# The registers decide as they do without physics: P gain, Goal PWM, torque, profile. Only position modes have a motor
-# here; in the others the shaft is free. A reversed Drive Mode is ignored.
-
 SAME_TICK = 1e-3
 """Goals closer than this, ticks, are one."""
 
 
 class SimulatedShafts:
-    """A `sim.emulator.shaft.Mechanics` for all shafts (n,) of a robot, in servo order. `begun`: s on the line's clock
-    when the simulation's time is 0."""
+    """A `sim.emulator.shaft.Mechanics` for all shafts (n,) of a robot, in servo order.
+
+    P gain, Goal PWM, torque and profile are those of the registers. Only position modes have a motor here; in others
+    the shaft is free. A reversed Drive Mode is ignored. begun: time 0 of the simulation on the line's clock, s.
+    """
 
     def __init__(self, simulation: Simulation, shafts: Sequence[Shaft], *, begun: float) -> None:
         self._simulation, self._shafts, self._begun = simulation, tuple(shafts), begun
         self._row = {id(shaft): row for row, shaft in enumerate(self._shafts)}
         self._tick_rad = np.array([drive.servo.model.tick_rad for drive in simulation.world.drives])
-        stall = [drive.numbers.stall_torque(drive.servo.model.voltage) for drive in simulation.world.drives]
-        self._stall = np.array(stall)
-        self._seen: FloatArray = (
-            simulation.motors.angle(simulation.data) / self._tick_rad
-        )  # (n,) position of each shaft at its last update
+        drives = simulation.world.drives
+        self._stall = np.array([drive.numbers.stall_torque(drive.servo.model.voltage) for drive in drives])
+        angles = simulation.motors.angle(simulation.data)
+        self._seen: FloatArray = angles / self._tick_rad  # (n,) position of each shaft at its last update
         self._sent = self._seen.copy()  # (n,) goals
         self._settings: tuple[tuple[float, float, bool], ...] = ()
         simulation.electrics.trips = False  # the emulated servo protects itself
@@ -140,7 +134,7 @@ class SimulatedShafts:
     def follow(self, shaft: Shaft, now: float) -> tuple[float, float]:
         """Go on to `now` (s); return the position of the shaft, tick, and its velocity, tick/s.
 
-        The registers may count the turns anew (homing offset, one turn), so only the change of angle is added.
+        Only the change of angle is added, since registers may count turns differently (homing offset, one turn).
         """
         simulation, to = self._simulation, now - self._begun
         while to - simulation.time >= simulation.world.step:
@@ -171,7 +165,6 @@ class SimulatedShafts:
         return float(simulation.electrics.current(torque, driven)[self._row[id(shaft)]])
 
     def _take_settings(self) -> None:
-        """Take torque, gain and drive limit from the registers."""
         settings = tuple(
             (shaft.lag * shaft.full, shaft.drive_limit, shaft.torque and shaft.law is Law.POSITION)
             for shaft in self._shafts
@@ -186,7 +179,7 @@ class SimulatedShafts:
 
 
 def servos_on(lines: Mapping[str, Line], servos: Sequence[ServoSpec]) -> list[ServoBody]:
-    """The emulated servos on these lines, in servo order."""
+    """Return the emulated servos on these lines, in servo order."""
     return [
         next(one for one in lines[servo.bus].devices if isinstance(one, ServoBody) and one.id == servo.id)
         for servo in servos

@@ -1,7 +1,7 @@
-"""The contacts of a simulated robot: floor, soles, fixtures; and which shapes collide with which.
+"""The contacts of a simulated robot: floor, soles, fixtures; and the pairs of shapes that collide.
 
-A sole touches the floor with small balls in the corners of its polygon, whose lowest points are the corners: exact
-where it stands and where it tips, and the cheapest contact there is. The foot's own shapes do not see the floor.
+A sole touches the floor with small balls whose lowest points are the corners of its polygon: exact when it stands or
+tips, and cheap. The foot's own shapes do not collide with the floor.
 """
 
 from collections.abc import Container
@@ -19,24 +19,23 @@ from retarget.schema.scene import Pose, Scene
 from retarget.types import FloatArray
 
 FLOOR, SOLE, FIXTURE = "physics_floor", "physics_sole", "physics_fixture"
-"""How the names of shapes begin that are not the robot's own."""
+"""Prefixes of the names of shapes that are not the robot's own."""
 
 MAX_CORNERS = 6
-"""Corners of a sole's polygon at most; where it has more, those are taken that lose the least of its area."""
+"""Most corners of a sole; of a polygon with more, those that keep most of its area."""
 BALL_M = 0.003
 """Radius of the ball in a corner of a sole."""
-SOLREF = (0.006, 1.0)
+CONTACT_SOLREF = (0.006, 1.0)
 """Time constant s and damping ratio of contacts: three steps, and no bounce."""
 SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
-"""Impedance of contacts (MuJoCo, dmin, dmax, width m, midpoint, power): nearly hard, over half a millimetre."""
-TORSION, ROLLING = 0.005, 0.0001  # [m] MuJoCo's own, without effect in contacts of three rows
-
-# Bits of what a shape is (contype) and what it sees (conaffinity): two shapes touch where one sees the other.
+"""Impedance of contacts (MuJoCo, dmin, dmax, width m, midpoint, power): nearly hard."""
+TORSION, ROLLING = 0.005, 0.0001  # [m] defaults of MuJoCo, without effect in contacts of three rows
+# Bits of contype and conaffinity: two shapes collide if one's contype has a bit of the other's conaffinity.
 ROBOT_BIT, GROUND_BIT, FIXTURE_BIT = 1, 2, 4
 
 
 def add_floor(spec: Any, friction: float) -> None:
-    """Add the ground plane z = 0, whose friction holds in all its contacts."""
+    """Add the ground plane z = 0, whose friction counts in all its contacts."""
     mujoco = engine()
     spec.worldbody.add_geom(
         name=FLOOR,
@@ -47,7 +46,7 @@ def add_floor(spec: Any, friction: float) -> None:
         condim=3,
         friction=[friction, TORSION, ROLLING],
         priority=1,
-        solref=SOLREF,
+        solref=CONTACT_SOLREF,
         solimp=SOLIMP,
     )
 
@@ -76,15 +75,19 @@ def add_soles(spec: Any, robot: RobotBody) -> None:
 
 
 def sole_corners(polygon: FloatArray) -> FloatArray:
-    """Corners (c, 2) m, at most MAX_CORNERS, that keep most of a convex polygon's area (n, 2)."""
+    """Return the corners (c, 2) m, at most MAX_CORNERS, that keep most of the area of a convex polygon (n, 2)."""
     if len(polygon) <= MAX_CORNERS:
         return polygon
-    chosen = max(combinations(range(len(polygon)), MAX_CORNERS), key=lambda some: _area(polygon[list(some)]))
-    return np.asarray(polygon[list(chosen)])
+
+    def area(corners: tuple[int, ...]) -> float:  # shoelace formula, counter-clockwise
+        x, y = polygon[list(corners)].T
+        return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2.0
+
+    return np.asarray(polygon[list(max(combinations(range(len(polygon)), MAX_CORNERS), key=area))])
 
 
 def add_fixtures(spec: Any, scene: Scene, stand: Pose) -> tuple[str, ...]:
-    """Add the obstacles of a scene that do not move. Return the names of those that do: they are left out."""
+    """Add the obstacles of a scene that do not move; return the names of the others."""
     state = SceneState(scene, stand=stand)
     poses, shapes = state.at_rest(0.0), state.shapes
     moving = []
@@ -102,22 +105,16 @@ def add_fixtures(spec: Any, scene: Scene, stand: Pose) -> tuple[str, ...]:
             contype=GROUND_BIT | FIXTURE_BIT,
             conaffinity=0,
             condim=3,
-            solref=SOLREF,
+            solref=CONTACT_SOLREF,
             solimp=SOLIMP,
         )
     return tuple(moving)
 
 
 def sort_shapes(spec: Any, feet: Container[str]) -> None:
-    """Set what the robot's own shapes collide with. feet: links of its feet. Shapes without collision stay so."""
+    """Set the collisions of the robot's own shapes that have any. feet: links of its feet."""
     for geom in spec.geoms:
         if geom.name.startswith((FLOOR, SOLE, FIXTURE)) or not (geom.contype or geom.conaffinity):
             continue
         geom.contype = ROBOT_BIT
         geom.conaffinity = ROBOT_BIT | (FIXTURE_BIT if geom.parent.name in feet else GROUND_BIT)
-
-
-def _area(polygon: FloatArray) -> float:
-    """Area of a polygon (n, 2), counter-clockwise (shoelace formula)."""
-    x, y = polygon.T
-    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2.0

@@ -1,4 +1,4 @@
-"""The true motion of a link of a simulated robot, as a sensor on it would meet it."""
+"""The true motion of a sensor on a link of a simulated robot."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from sim.physics.simulation import Simulation
 
 
 class LinkMotion:
-    """Says how the place of a sensor moves now. It changes nothing that the engine goes on from."""
+    """The motion of a sensor. It does not change the state of the engine."""
 
     def __init__(self, simulation: Simulation, spec: ImuSpec) -> None:
         mujoco = engine()
@@ -23,7 +23,7 @@ class LinkMotion:
         self._found = np.zeros(6)
 
     def __call__(self) -> ImuTruth:
-        """The motion after the last step of the engine."""
+        """Return the motion after the last step of the engine."""
         simulation, data, found = self._simulation, self._simulation.data, self._found
         w, x, y, z = data.xquat[self._link].tolist()
         if not simulation.moves:  # a hand, a stand or a rope holds it
@@ -33,7 +33,7 @@ class LinkMotion:
         turn = found[:3].copy()
         self._accelerations(self._model, data)
         self._acceleration(self._model, data, self._kind, self._link, found, 1)
-        # Of the point: a + alpha x r + omega x (omega x r). The engine counts gravity as an acceleration upwards.
+        # a + alpha x r + omega x (omega x r). The engine counts gravity as an acceleration upwards.
         arm = self._arm
         force = found[3:] + np.cross(found[:3], arm) + np.cross(turn, np.cross(turn, arm))
         return ImuTruth((w, x, y, z), tuple(turn.tolist()), tuple(force.tolist()))

@@ -1,13 +1,12 @@
-"""The servos of a robot as MuJoCo actuators, two on each shaft, all in the servo's own sense of rotation:
+"""The servos of a robot as MuJoCo actuators, two on each shaft, in the servo's own direction of rotation:
 
     drive:  clip(stiffness (goal - angle) - damping speed + fall speed, -stall, stall)   the loop at the present supply
-    fall:   -fall speed                                                                  what the turning motor loses
+    fall:   -fall speed                                                                  back-EMF
 
-and the joint bounds their sum to what the servo gives (its current limit too). So a loop that is not saturated is a
-spring and a damper, one that is gives `stall - fall speed`, the line of torque and speed, at every step of the engine,
-and implicitly, which is stable. Stiffness (`hardware.servo`) and line (`motors.yaml`) are identified apart: no motor
-with constant torque per ampere has both. Friction, armature and viscous friction are the joint's. A servo without
-torque has neither actuator: its motor is open. Coupled servos pull a tendon each.
+The joint bounds their sum to the greatest torque of the servo. A loop that is not saturated is a spring and a damper. A
+saturated one gives `stall - fall speed`, the torque-speed line, implicitly and so stably. Stiffness (`hardware.servo`)
+and line (`motors.yaml`) are identified separately. The motor of a servo without torque is open. Coupled servos pull a
+tendon each.
 """
 
 from collections.abc import Sequence
@@ -20,32 +19,19 @@ from hardware.arrays import BoolArray, ByteArray, FloatArray
 from hardware.bus import ServoAlert
 from hardware.dynamixel.control_table import find_table
 from hardware.motors import DriveNumbers
-from hardware.servo import (
-    FULL_PWM,
-    Layout,
-    ServoSpec,
-    full_drive_error,
-    integral_rate,
-    p_gain,
-)
+from hardware.servo import FULL_PWM, Layout, ServoSpec, full_drive_error, integral_rate, p_gain
 from retarget.model.body_file import engine
 from sim.emulator.power import OVERLOAD_EFFORT, OVERLOAD_TIME
 from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, HEAT_TIME, IDLE_CURRENT, LARGEST_CURRENT, SUPPLY_RESISTANCE
 
-# The position loop of a servo from its gain registers: drive (share of full voltage) per error, speed and time.
-#
-#     drive = P e + I sum(e) - D w,    |drive| <= 1,    voltage = drive x supply
-#
-# Source: e-Manual, Position PID Gain (80, 82, 84: units 1/16, 1/65536, 1/128 of a PWM count per tick) and Goal PWM
-# (100, full at 885). The units of time that it leaves open are those of `sim.emulator.servo2_registers`, as is the rule
-# that the default D gain belongs to the loop that P alone describes. The older layout (MX, 28: P, 32 the default):
-# `sim.emulator.servo1`.
-
 
 @dataclass(frozen=True)
 class PositionLoop:
-    """proportional 1/rad, derivative s/rad: drive per error and per speed of the shaft. integral: I over P gain,
-    1/s."""
+    """Gains of drive = P e + I sum(e) - D w, |drive| <= 1, voltage = drive x supply.
+
+    proportional 1/rad, derivative s/rad; integral: I over P gain, 1/s. Source: e-Manual, Position PID Gain (80, 82, 84)
+    and Goal PWM (100, full at 885); for open units of time see `sim.emulator.servo2_registers`.
+    """
 
     proportional: float
     derivative: float
@@ -53,7 +39,7 @@ class PositionLoop:
 
 
 def position_loop(servo: ServoSpec) -> PositionLoop:
-    """The loop of a servo with the profile's gains. A model without a P gain (AX-12A) has its default slope."""
+    """Return the loop with the gains of the profile. A model without a P gain (AX-12A) has its default slope."""
     gains, model = servo.gains, servo.model
     if model.layout_in(servo.protocol) is Layout.OLDER:
         return PositionLoop(1.0 / full_drive_error(p_gain(servo)), 0.0, integral_rate(servo))
@@ -70,21 +56,20 @@ def position_loop(servo: ServoSpec) -> PositionLoop:
 
 
 def gain_missing(servo: ServoSpec) -> bool:
-    """Whether the profile does not have the P gain of this servo."""
+    """Return whether the profile lacks the P gain of this servo."""
     return servo.gains.position_p is None and find_table(servo.model.name, servo.protocol).p_gain is not None
 
 
 MOTOR, BACK_EMF, SHAFT = "physics_motor_", "physics_emf_", "physics_shaft_"
 STRAIN_SHARE = 0.25
-"""Share of the most torque at which all of the play of the gears is taken up."""
+"""Share of the greatest torque that takes up all backlash."""
 STRAIN_S = 0.02
-"""Time constant with which the gears change sides in their play."""
+"""Time constant with which the gears cross their backlash, s."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """One servo, its motor and its loop. stiffness: of its shaft, N m/rad. most_torque: that the shaft ever gives, N m,
-    with the current limit."""
+    """A servo, its motor and its loop. stiffness: of its shaft, N m/rad."""
 
     servo: ServoSpec
     numbers: DriveNumbers
@@ -93,32 +78,32 @@ class Drive:
 
     @property
     def spring(self) -> float:
-        """Torque of full drive if the loop were a spring until then, N m per V of the supply."""
+        """Torque of the spring at the error of full drive, N m per V of the supply."""
         gain = self.loop.proportional
         return self.stiffness / (gain * self.servo.model.voltage) if gain else 0.0
 
     @property
     def damping(self) -> float:
-        """N m s/rad of the loop, beside its D gain: with it the shaft follows with the lag of the servo's P gain
-        (`loop_lag`), however stiff it is. Identified servos have it, too: XM430-W350, 5.3 N m/rad, 0.23 N m s/rad."""
+        """Damping of the loop beside its D gain, N m s/rad, with which the shaft has the lag of its P gain
+        (`loop_lag`). Identified servos have it, too: XM430-W350, 5.3 N m/rad, 0.23 N m s/rad."""
         lag = 1.0 / (self.loop.proportional * self.servo.model.no_load_speed) if self.loop.proportional else 0.0
         return max(self.stiffness * lag - self.numbers.viscous, 0.0)
 
     @property
     def most_torque(self) -> float:
-        """The smaller of the greatest torque of the motor and of the torque at the current limit, N m."""
+        """The greatest torque of the motor, or that at the current limit if smaller, N m."""
         limit = self.servo.current_limit
         allowed = np.inf if limit is None else limit * self.numbers.torque_constant
         return min(self.numbers.most_torque, allowed)
 
     @property
     def coupled(self) -> bool:
-        """Whether the shaft turns two joints together with another servo."""
+        """True if the shaft turns two joints together with another servo."""
         return self.servo.coupling is not None
 
     @property
     def turns(self) -> tuple[tuple[str, float], ...]:
-        """Joints that turn the shaft, and its signed turns per turn of each."""
+        """Joints that turn the shaft, with its signed turns per turn of each."""
         servo, coupling = self.servo, self.servo.coupling
         if coupling is None:
             return ((servo.joint, servo.direction * servo.gear),)
@@ -127,7 +112,7 @@ class Drive:
 
 
 def add_motors(spec: Any, drives: Sequence[Drive]) -> None:
-    """Add actuators, armature and friction of these servos to a body. Viscous friction: `Motors`."""
+    """Add actuators, armature and dry friction of these servos to a body; `Motors` adds viscous friction."""
     for drive in drives:
         numbers, joint = drive.numbers, spec.joint(drive.servo.joint)
         if drive.coupled:
@@ -169,7 +154,10 @@ def _add_actuator(spec: Any, drive: Drive, part: str) -> None:
 
 
 class Motors:
-    """The motors of a compiled model, arrays (n,) in servo order; angles of shafts from their zero ticks, rad."""
+    """The motors of a compiled model, arrays (n,) in servo order; angles of shafts from their zero ticks, rad.
+
+    goal: angles, rad. driven: servos with torque.
+    """
 
     def __init__(self, model: Any, drives: Sequence[Drive]) -> None:
         self._model = model
@@ -178,7 +166,10 @@ class Motors:
         self._emf = np.array([model.actuator(BACK_EMF + name).id for name in names], dtype=np.intp)
         self._qpos = np.array([model.joint(name).qposadr[0] for name in names], dtype=np.intp)
         self._dof = np.array([model.joint(name).dofadr[0] for name in names], dtype=np.intp)
-        self._turns = _transmission(drives)  # (n, n) shaft angles = it @ joint angles
+        self._turns = np.zeros((len(drives), len(drives)))  # shaft angles = it @ joint angles
+        for row, drive in enumerate(drives):
+            for joint, share in drive.turns:
+                self._turns[row, names.index(joint)] = share
         self._plain = np.diag(self._turns).copy() if np.count_nonzero(self._turns) <= len(names) else None
         self._limit = np.ones(len(names))  # of the drive
         self._most = np.array([drive.most_torque for drive in drives])
@@ -193,9 +184,7 @@ class Motors:
         self._sum: FloatArray = np.zeros(len(names))  # [rad] of the I gain
         self._integrates = bool(self._integral.any())
         self.goal = np.zeros(len(names))
-        """Goal angles, rad."""
         self.driven: BoolArray = np.zeros(len(names), dtype=np.bool_)
-        """Which servos have torque."""
         # Viscous friction is set in the compiled model, whose arrays have one meaning in every version of the engine.
         for drive in drives:
             viscous, dof = drive.numbers.viscous, model.joint(drive.servo.joint).dofadr[0]
@@ -206,7 +195,7 @@ class Motors:
                 model.dof_damping[dof] = drive.turns[0][1] ** 2 * viscous
 
     def power(self, driven: BoolArray, voltage: FloatArray) -> None:
-        """Give torque to the servos `driven` (n,), at supplies `voltage` (n,) V."""
+        """Switch torque on for the servos `driven` (n,), at supplies `voltage` (n,) V, and off for all others."""
         model = self._model
         on = driven.astype(np.float64)
         stall = self._per_volt * voltage
@@ -221,29 +210,29 @@ class Motors:
         model.actuator_biasprm[self._emf, 2] = -on * self._fall
 
     def tune(self, *, limit: FloatArray, proportional: FloatArray | None = None) -> None:
-        """Set most drives (n,), and P gains (n,) 1/rad; None: those before. They hold from the next `power` on."""
+        """Set drive limits (n,) and P gains (n,) 1/rad, None: unchanged, for the next `power`."""
         self._limit = limit
         self._proportional = self._proportional if proportional is None else proportional
 
     def command(self, data: Any, elapsed: float) -> None:
-        """Hand the goals to the engine for the next `elapsed` s; the play of the gears and the I gain move on."""
+        """Pass the goals to the engine for the next `elapsed` s; update backlash and I gain."""
         strain = np.clip(self.torque(data) / (STRAIN_SHARE * self._most), -1.0, 1.0)
         self._side += (strain - self._side) * min(elapsed / STRAIN_S, 1.0)
-        asked = self.goal - self._play * self._side
+        reference = self.goal - self._play * self._side
         if self._integrates:
             error = self.goal - self.angle(data)
             most = 1.0 / np.maximum(self._proportional, 1e-9)
             self._sum += self._integral * error * elapsed
             self._sum = np.asarray(self.driven * np.clip(self._sum, -most, most))
-            asked = asked + self._sum
-        data.ctrl[self._motor] = asked
+            reference = reference + self._sum
+        data.ctrl[self._motor] = reference
 
     def angle(self, data: Any) -> FloatArray:
-        """Shaft angles (n,) rad as the encoders see them, on the servo's side of the play."""
+        """Return shaft angles (n,) rad at the encoders, on the servo's side of the backlash."""
         return np.asarray(self._of_shafts(data.qpos[self._qpos]) + self._play * self._side)
 
     def shaft(self, data: Any, row: int) -> tuple[float, float]:
-        """Angle rad and speed rad/s of one shaft."""
+        """Return angle rad and speed rad/s of one shaft."""
         if self._plain is None:
             return float(self.angle(data)[row]), float(self.speed(data)[row])
         turns = float(self._plain[row])
@@ -251,11 +240,11 @@ class Motors:
         return angle, turns * float(data.qvel[self._dof[row]])
 
     def speed(self, data: Any) -> FloatArray:
-        """Shaft speeds (n,) rad/s."""
+        """Return shaft speeds (n,) rad/s."""
         return self._of_shafts(data.qvel[self._dof])
 
     def torque(self, data: Any) -> FloatArray:
-        """Torques (n,) of the motors at their shafts over the last step, N m."""
+        """Return the torques (n,) of the motors at their shafts over the last step, N m."""
         force = data.actuator_force
         return np.asarray(np.minimum(np.maximum(force[self._motor] + force[self._emf], -self._most), self._most))
 
@@ -263,32 +252,20 @@ class Motors:
         return np.asarray(joints * self._plain if self._plain is not None else self._turns @ joints)
 
 
-def _transmission(drives: Sequence[Drive]) -> FloatArray:
-    """Shaft turns per joint turn (n, n), in servo order."""
-    column = {drive.servo.joint: index for index, drive in enumerate(drives)}
-    turns = np.zeros((len(drives), len(drives)))
-    for row, drive in enumerate(drives):
-        for joint, share in drive.turns:
-            turns[row, column[joint]] = share
-    return turns
-
-
-# Current, supply and heat of simulated servos: a stated model, calibrated on no hardware.
-#
-# Current is torque / kt. The supply is the nominal voltage of each model less what the power of all servos, mechanical
-# and lost in their windings, costs in battery and wires. A servo warms as a first-order lag: its final rise is
-# HEAT_PER_WATT times the loss R i^2 in its windings (the thermal resistance of `sim.servo_model`, whose servo has
-# 12 V / 2.3 A = 5.2 ohm), reached with HEAT_TIME.
-
 HEAT_PER_WATT = HEAT_PER_AMPERE2 / (12.0 / LARGEST_CURRENT)
-"""Final rise of temperature per loss, K/W."""
+"""Final rise of temperature per loss, K/W: that of `sim.servo_model`, whose servo has 12 V / 2.3 A = 5.2 ohm."""
 _OVERLOAD, _OVERHEATING = np.uint8(ServoAlert.OVERLOAD), np.uint8(ServoAlert.OVERHEATING)
 NOTICED_V = 0.05
 """Change of the supply after which the motors are updated, V."""
 
 
 class Electrics:
-    """Electrical state of n servos, arrays (n,): voltage V, temperature degrees Celsius, alert bits."""
+    """Electrical state of n servos, arrays (n,): voltage V, temperature degrees Celsius, alert bits.
+
+    A model that is not calibrated on hardware. Current is torque / kt. The power of all servos, mechanical and lost in
+    their windings, lowers the supply. A servo warms by its loss R i^2 with a first-order lag. trips: overload and
+    overheating become alerts.
+    """
 
     def __init__(self, drives: Sequence[Drive]) -> None:
         numbers = [drive.numbers for drive in drives]
@@ -302,15 +279,14 @@ class Electrics:
         self.temperature: FloatArray = np.full(len(drives), AMBIENT)
         self.alert: ByteArray = np.zeros(len(drives), dtype=np.uint8)
         self.trips = True
-        """Whether overload and overheating become alerts."""
 
     def current(self, torque: FloatArray, driven: BoolArray) -> FloatArray:
-        """Return the current of motors (n,) that give `torque` N m, A."""
+        """Return the currents (n,) of motors with `torque` N m, A."""
         return np.asarray(driven * torque / self._constant)
 
     def advance(self, torque: FloatArray, speed: FloatArray, driven: BoolArray, elapsed: float) -> bool:
-        """Go on by `elapsed` s in which the motors gave `torque` (n,) N m at `speed` (n,) rad/s. Return whether the
-        motors need an update: the supply has changed by more than NOTICED_V, or an alert is new."""
+        """Go on by `elapsed` s with `torque` (n,) N m at `speed` (n,) rad/s. Return whether the motors need an update:
+        the supply has changed by more than NOTICED_V, or an alert is new."""
         size = self.current(torque, driven)
         loss = self._resistance * size * size  # [W]
         final = AMBIENT + HEAT_PER_WATT * loss

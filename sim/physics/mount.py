@@ -1,4 +1,4 @@
-"""What a simulated robot stands on or hangs from: floor, stand, gantry, the hand that holds it first; the checks."""
+"""The mount of a simulated robot: floor, stand or gantry, the hand that holds it first, and their checks."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -19,7 +19,7 @@ from sim.physics.motors import gain_missing
 
 
 class Support(StrEnum):
-    """floor: on its own soles. stand: its root is bolted down. gantry: it hangs from a rope, and swings."""
+    """floor: on its own soles. stand: its root is fixed. gantry: it hangs from a rope, and swings."""
 
     FLOOR = "floor"
     STAND = "stand"
@@ -28,8 +28,8 @@ class Support(StrEnum):
 
 @dataclass(frozen=True)
 class Mount:
-    """hook: frame of the profile where the rope holds the robot. lift: height of the soles over the floor where they
-    do not carry, m. rope: its length, m."""
+    """A mount. hook: frame of the profile where the rope holds the robot. lift: height of the soles over the floor on a
+    stand or gantry, m. rope: its length, m."""
 
     support: Support
     hook: str = "hook"
@@ -46,7 +46,7 @@ def mount_of(robot: RobotBody) -> Mount:
 
 
 def check_mount(robot: RobotBody, mount: Mount) -> None:
-    """Raise ConfigError for a robot that cannot stand or hang so."""
+    """Raise ConfigError for a robot that cannot stand or hang on this mount."""
     profile = robot.profile
     where = str(profile.path)
     if mount.support is Support.FLOOR and not robot.stands:
@@ -79,18 +79,12 @@ def check_mount(robot: RobotBody, mount: Mount) -> None:
         )
 
 
-# The hand that holds a robot before its servos have torque, as a person holds a real robot that cannot stand yet.
-#
-# Until torque first goes on, the hand holds the whole robot still in its first posture: no time passes for its
-# mechanics. From then on it holds the root link where it is, ever more softly, and lets go after RELEASE_S. It does not
-# hold the robot again when torque goes off later.
-
 RELEASE_S = 0.6
 """Time, s, from the first torque to the end of the hold."""
 HAND = "physics_hand"
 FIRM, LOOSE = 0.9, 0.001
-"""Impedance of the hold (MuJoCo, solimp) at the beginning and at the end."""
-SOLREF = (0.03, 1.0)
+"""Impedance of the hold (MuJoCo, solimp) at its begin and end."""
+HOLD_SOLREF = (0.03, 1.0)
 """Time constant s and damping ratio of the hold: a soft grip."""
 
 
@@ -100,12 +94,16 @@ def add_hand(spec: Any, root: str) -> None:
     spec.worldbody.add_body(name=HAND, mocap=True)
     hold = spec.add_equality(name=HAND, type=mujoco.mjtEq.mjEQ_WELD, name1=root, name2=HAND)
     hold.objtype = mujoco.mjtObj.mjOBJ_BODY
-    hold.solref = SOLREF
+    hold.solref = HOLD_SOLREF
     hold.solimp = [FIRM, FIRM, 0.001, 0.5, 2.0]
 
 
 class Hand:
-    """Holds the root link of a compiled model, and releases it. holding: whether it still holds."""
+    """Holds the root link of a compiled model, as a person holds a robot that cannot stand yet.
+
+    Until the first torque no time passes for the mechanics. From then on the hold of the root link softens, and ends
+    after RELEASE_S, once and for all.
+    """
 
     def __init__(self, model: Any, data: Any, root: int) -> None:
         self._model, self._data = model, data
@@ -120,12 +118,12 @@ class Hand:
         data.mocap_quat[mocap] = data.qpos[3:7]
 
     def let_go(self, now: float) -> None:
-        """Begin to release at `now`, s of the engine; only the first time counts."""
+        """Begin to release at `now`, s of the engine; only the first call counts."""
         if self._released is None:
             self._released = now
 
     def ease(self, now: float) -> None:
-        """Hold as firmly as is due at `now`, s of the engine."""
+        """Set the firmness of the hold at `now`, s of the engine."""
         if not self.holding or self._released is None:
             return
         share = (now - self._released) / RELEASE_S
@@ -137,18 +135,15 @@ class Hand:
         self._model.eq_solimp[self._hold, :2] = firm
 
 
-# The gantry: a rope from a point straight above the robot's hook, which pulls and never pushes, and straps that damp
-# its swinging.
-
 ROPE, HOOK, TOP = "physics_rope", "physics_hook", "physics_rope_top"
 SWING_DAMPING = 0.5
-"""Damping of the straps, N s/m per kg of robot."""
+"""Damping of the straps of a gantry, N s/m per kg of robot."""
 TURN_DAMPING = 0.01
-"""The same for turns, N m s/rad per kg."""
+"""Their rotational damping, N m s/rad per kg."""
 
 
 def add_rope(spec: Any, link: str, frame: Frame, *, at: FloatArray, length: float) -> None:
-    """Hang a body by the hook `frame` on `link`, which begins `at` (3,) m, world, from a rope of `length` m."""
+    """Hang a body by the hook `frame` on `link`, at `at` (3,) m, world, from a rope of `length` m above it."""
     spec.body(link).add_site(name=HOOK, pos=frame.position)
     spec.worldbody.add_site(name=TOP, pos=at + np.array([0.0, 0.0, length]))
     rope = spec.add_tendon(name=ROPE)
@@ -159,16 +154,14 @@ def add_rope(spec: Any, link: str, frame: Frame, *, at: FloatArray, length: floa
 
 
 def damp_swinging(model: Any, weight: float) -> None:
-    """Let the straps take energy from a hanging robot of `weight` N, whose free joint is the first."""
+    """Damp a hanging robot of `weight` N, whose free joint is the first."""
     mass = weight / GRAVITY
     model.dof_damping[:3] = SWING_DAMPING * mass
     model.dof_damping[3:6] = TURN_DAMPING * mass
 
 
-# What the simulation requires of the files of a robot, beyond what following requires.
-
 DEFAULT_DENSITY = 1000.0
-"""Density of a shape whose file has none, kg/m^3: then its mass is only guessed from its volume."""
+"""Density of a shape without one in its file, kg/m^3: its mass is guessed from its volume."""
 LEAST_MASS = 1e-5
 """Least mass that a servo must move, kg."""
 MAX_NAMED = 5
@@ -193,7 +186,11 @@ def check_masses(robot: RobotBody, spec: Any) -> None:
     for link in range(len(below) - 1, 0, -1):
         below[body.parent[link]] += below[link]
     light = [body.body_names[link] for link in body.joint_body.tolist() if below[link] < LEAST_MASS]
-    guessed = [link.name for link in spec.bodies if not link.explicitinertial and any(map(_guessed, link.geoms))]
+    guessed = [
+        link.name
+        for link in spec.bodies
+        if not link.explicitinertial and any(isnan(g.mass) and g.density == DEFAULT_DENSITY for g in link.geoms)
+    ]
     for links, what in (
         (light, "without a mass"),
         (guessed, "with a mass that is only guessed from its shape"),
@@ -219,10 +216,6 @@ def check_gains(robot: RobotBody) -> None:
             allowed="gains: {p: ...} for every servo",
             next_step="Write the gains that its servos run with into the profile",
         )
-
-
-def _guessed(geom: Any) -> bool:
-    return isnan(geom.mass) and geom.density == DEFAULT_DENSITY
 
 
 def _some(names: list[str]) -> str:

@@ -1,4 +1,4 @@
-"""Perturbations of a simulated robot as data, so that a run can be repeated: masses, friction, latency, pushes."""
+"""Perturbations of a simulated robot as data: masses, friction, latency, stiffness, pushes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -14,8 +14,8 @@ FRICTION = 0.8
 
 @dataclass(frozen=True)
 class Push:
-    """A force (3,) N, world, from `start` on for `duration` s on the bus's time since it was opened. frame: point of
-    the profile that is pushed; None: the centre of mass of the root link."""
+    """A force (3,) N, world, from `start` s since the bus was opened, for `duration` s. frame: of the profile; None: at
+    the centre of mass of the root link."""
 
     force: tuple[float, float, float]
     start: float
@@ -24,15 +24,15 @@ class Push:
 
     @property
     def end(self) -> float:
-        """Time, s, at which the push is over."""
+        """End of the push, s."""
         return self.start + self.duration
 
 
 @dataclass(frozen=True)
 class Perturbation:
-    """mass_scale: of every link, inertia with it. com_offset (3,) m: of the whole robot's centre of mass, along the
-    axes of the root link, whose own mass is moved for it. friction: sliding coefficient of the floor. latency_s: by
-    which every goal takes effect later than usual. stiffness_scale: of every servo, which the plan does not know."""
+    """mass_scale: of mass and inertia of every link. com_offset (3,) m: of the robot's centre of mass, along the axes
+    of the root link, whose mass is moved. friction: sliding coefficient of the floor. latency_s: added to that of every
+    goal. stiffness_scale: of every servo."""
 
     mass_scale: float = 1.0
     com_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -63,14 +63,14 @@ _NUMBERS = {
     PerturbationKind.LATENCY: ("latency_s", 0.03, 0.03),
     PerturbationKind.STIFFNESS: ("stiffness_scale", 0.7, 1.3),
 }
-"""Kinds that are one number: its name, and the range from which it is drawn."""
+"""Kinds with one number: its name and range."""
 
 _FRONT, _BACK, _SIDE = (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0)
 """Directions of a push, x forward and y left."""
 
 
 def combined(parts: Sequence[Perturbation]) -> Perturbation:
-    """Combine perturbations. Where two change the same value, the later one holds."""
+    """Combine perturbations. The later of two values for one quantity counts."""
     values = {
         field.name: getattr(part, field.name)
         for part in parts
@@ -88,11 +88,10 @@ def drawn(
     frame: str | None = None,
     value: float | None = None,
 ) -> Perturbation:
-    """Draw a perturbation of one kind: mass +-10 %, CoM off by 10 mm, friction 0.5 to 1, latency 30 ms, stiffness
-    +-30 %, a push of 3 N for 0.2 s. The same seed draws the same.
+    """Draw a perturbation of one kind; the same seed draws the same.
 
-    within: times between which a push begins, s. frame: what is pushed, from the front, the back and the side in turn.
-    value: of a kind that is one number, instead of a drawn one.
+    within: range of the begin of a push, s. frame: the point that is pushed, from the front, the back and the side in
+    turn. value: of a kind with one number, instead of a drawn one.
     """
     chance = np.random.default_rng(seed)
     if kind in _NUMBERS:

@@ -1,7 +1,7 @@
-"""The mechanics of a robot over time: goals and torque in at their times, shafts, contacts and heat out.
+"""The mechanics of a robot over time: goals and torque in, shafts, contacts and heat out.
 
-Time is seconds since the start, in whole steps of the engine. The seed determines only where in its tick each shaft
-begins, and the friction of each servo.
+Time is seconds since the start, in whole steps of the engine. The seed determines the begin of each shaft within its
+tick, and the friction of each servo.
 """
 
 from collections import deque
@@ -20,18 +20,16 @@ from sim.physics.mount import Hand, Support, damp_swinging
 from sim.physics.perturbation import Perturbation, Push
 from sim.physics.world import World
 
-# A term that the engine leaves out of its contacts: the acceleration of a sole from the speeds of the body alone.
-#
-# A point with Jacobian J accelerates by J dv/dt + dJ/dt v. MuJoCo asks for a reference acceleration -b J v of the first
-# part only, so a sole that is stuck to the floor creeps by dJ/dt v / b while the legs above it move: 3 mm/s under an
-# OP3 that boxes, whatever the friction (b: 337 per second with contacts of 6 ms). Here the second part is taken off the
-# reference before forces are found, so a sole that is stuck stays.
-
 ROWS = np.arange(3)  # of a contact: its normal and two tangents
 
 
 class SoleSteps:
-    """Steps of the engine in which the corners of soles are held where they touch."""
+    """Steps of the engine that add a term to the contacts of soles: dJ/dt v.
+
+    A point with Jacobian J accelerates by J dv/dt + dJ/dt v. MuJoCo has a reference acceleration -b J v for the first
+    part only, so that a sole that sticks to the floor creeps by dJ/dt v / b while the legs move (b: 337 per second with
+    contacts of 6 ms). Here the second part is subtracted from the reference before forces are computed.
+    """
 
     def __init__(self, model: Any, data: Any) -> None:
         mujoco = engine()
@@ -51,8 +49,7 @@ class SoleSteps:
         self._found: FloatArray = np.zeros((0, 3))
 
     def take(self, steps: int) -> None:
-        """Go on by a few steps, in which bodies move little: the correction is computed at the first, and again where
-        contacts change."""
+        """Go on by a few steps; the correction is computed at the first, and again when contacts change."""
         model, data = self._model, self._data
         if not self._feet:
             self._step(model, data, nstep=steps)
@@ -64,7 +61,7 @@ class SoleSteps:
             self._second(model, data)
 
     def _correct(self, *, due: bool) -> None:
-        """Take dJ/dt v off the reference accelerations of all corners that touch; recompute it if due."""
+        """Subtract dJ/dt v from the reference accelerations of all corners in contact; recompute it if due."""
         contact = self._data.contact
         known = contact.geom.tobytes(), contact.efc_address.tobytes()
         if known != self._known:
@@ -78,13 +75,12 @@ class SoleSteps:
         self._data.efc_aref[rows] -= self._found
 
     def _accelerations(self) -> FloatArray:
-        """dJ/dt v of the corners that touch, (c, 3) m/s^2 along the rows of their contacts."""
+        """Return dJ/dt v of the corners in contact, (c, 3) m/s^2 along the rows of their contacts."""
         data, contact = self._data, self._data.contact
         which, foot, sign, _ = self._contacts
         change, velocity = self._change, data.qvel
         for index, body in enumerate(self._feet):
-            # The time derivative of the Jacobian of each foot, at its origin; from there it is carried to the points of
-            # contact.
+            # Time derivative of the Jacobian of each foot, at its origin.
             self._jacobian(self._model, data, change[:3], change[3:], data.xpos[body], body)
             np.matmul(change, velocity, out=self._bias[index])
         bias = self._bias[foot]
@@ -99,8 +95,7 @@ class SoleSteps:
         return np.asarray(sign * (frames @ acceleration[:, :, None])[:, :, 0])
 
     def _sorted(self) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray, NDArray[np.intp]]:
-        """The contacts (c,) of corners of soles: which, of which foot, on which side (c, 1), 1 or -1, and their rows
-        (c, 3)."""
+        """Return the contacts (c,) of corners of soles: index, foot, side (c, 1), 1 or -1, and rows (c, 3)."""
         contact = self._data.contact
         feet = self._foot[contact.geom].reshape(-1, 2)
         which = np.flatnonzero((feet.max(axis=1, initial=-1) >= 0) & (contact.efc_address >= 0))
@@ -110,20 +105,21 @@ class SoleSteps:
 
 
 BATCH_S = 0.008
-"""Longest time between two updates of motors and hand, s."""
+"""Longest period of motors and hand, s."""
 HEAT_S = 0.032
-"""Time between two updates of supply and heat, s."""
+"""Period of supply and heat, s."""
 LONGEST_S = 60.0
-"""Most time, s, that is simulated at one go: the rest of a longer silence is skipped."""
+"""Longest time of one `advance`, s: the rest is skipped."""
 MAX_WAITING = 1000
 """Most goals that wait for their time."""
-ROUND_OFF = 1e-6  # of a step
+STEP_ROUNDING = 1e-6  # of a step
 FRICTION_SPREAD = 0.1
 """Share by which the friction of two servos of a type differs."""
 
 
 class Simulation:
-    """`data`: the engine's. `motors`: goals and torque. `electrics`: current, heat, supply. `hand`: None on a mount."""
+    """A simulated robot. data: of the engine. hand: None on a stand or gantry. moves: the mechanics run, from the first
+    torque on."""
 
     def __init__(self, world: World, *, perturbation: Perturbation, seed: int) -> None:
         mujoco = engine()
@@ -138,7 +134,12 @@ class Simulation:
                 model.dof_frictionloss[model.joint(drive.servo.joint).dofadr[0]] *= factor
             else:
                 model.tendon_frictionloss[model.tendon(SHAFT + drive.servo.joint).id] *= factor
-        _load(model, world, perturbation)
+        # The masses of the robot's links; the world and what is fixed to it weigh nothing that matters.
+        links = slice(world.root, None)
+        model.body_mass[links] *= perturbation.mass_scale
+        model.body_inertia[links] *= perturbation.mass_scale
+        total = model.body_mass[links].sum()
+        model.body_ipos[world.root] += np.array(perturbation.com_offset) * total / model.body_mass[world.root]
         self.data: Any = mujoco.MjData(model)
         if world.mount.support is Support.GANTRY:
             damp_swinging(model, world.weight)
@@ -155,25 +156,24 @@ class Simulation:
         self.hand = Hand(model, self.data, world.root) if world.mount.support is Support.FLOOR else None
         self.electrics = Electrics(world.drives)
         self.motors.goal = self.motors.angle(self.data)
-        self._wanted: BoolArray = np.zeros(len(world.drives), dtype=np.bool_)
+        self._switched_on: BoolArray = np.zeros(len(world.drives), dtype=np.bool_)
         self._waiting: deque[tuple[int, FloatArray]] = deque()
         self._done = self._heated = self._heat_due = 0  # steps
         self._pushes = [(self._count(push.start), self._count(push.end), push) for push in perturbation.pushes]
         self.moves = False
-        """Whether the mechanics run: from the first torque on."""
 
     @property
     def time(self) -> float:
-        """How far the engine is, s since the start."""
+        """Time of the engine, s since the start."""
         return self._done * self.world.step
 
     @property
     def held(self) -> bool:
-        """Whether a hand still holds the robot."""
+        """True while a hand holds the robot."""
         return self.hand is not None and self.hand.holding
 
     def aim(self, angles: FloatArray, at: float) -> None:
-        """Set goals `angles` (n,) rad from the time `at` on, s, and later by the latency of the perturbation."""
+        """Set goals `angles` (n,) rad from the time `at` on, s, plus the latency of the perturbation."""
         if len(self._waiting) < MAX_WAITING:
             self._waiting.append((self._count(at + self.perturbation.latency_s), angles))
 
@@ -183,17 +183,17 @@ class Simulation:
             self.motors.goal = self._waiting[-1][1]
             self._waiting.clear()
 
-    def switch(self, wanted: BoolArray) -> None:
-        """Switch torque: `wanted` (n,). A servo with an alert stays off."""
-        self._wanted = wanted & (self.electrics.alert == 0)
-        self.motors.power(self._wanted, self.electrics.voltage)
-        if self._wanted.any():
+    def switch(self, on: BoolArray) -> None:
+        """Switch torque `on` (n,) or off. A servo with an alert stays off."""
+        self._switched_on = on & (self.electrics.alert == 0)
+        self.motors.power(self._switched_on, self.electrics.voltage)
+        if self._switched_on.any():
             self.moves = True
             if self.hand is not None:
                 self.hand.let_go(self.time)
 
     def advance(self, to: float) -> None:
-        """Go on up to the time `to`, s; a time that has passed changes nothing. Raises BusError when it diverges."""
+        """Go on to the time `to`, s; an earlier time changes nothing. Raises BusError if it diverges."""
         end = self._count(to)
         if end - self._done > self._count(LONGEST_S):
             self._done = end - self._count(LONGEST_S)
@@ -205,8 +205,14 @@ class Simulation:
             if self.moves:
                 self._run(steps, elapsed)
             self._done += steps
-            if self._done >= self._heat_due:
-                self._heat()
+            if self._done >= self._heat_due:  # a servo with an alert loses its torque
+                passed = (self._done - self._heated) * self.world.step
+                self._heated = self._done
+                self._heat_due = self._done + self._count(HEAT_S)
+                torque, speed = self.motors.torque(self.data), self.motors.speed(self.data)
+                if self.electrics.advance(torque, speed, self.motors.driven, passed):
+                    self._switched_on &= self.electrics.alert == 0
+                    self.motors.power(self._switched_on, self.electrics.voltage)
 
     def push(self, push: Push) -> None:
         """Push the robot, at times since the start."""
@@ -229,22 +235,10 @@ class Simulation:
                 )
             )
 
-    def _heat(self) -> None:
-        """Update heat and alerts; a servo with an alert loses its torque."""
-        elapsed = (self._done - self._heated) * self.world.step
-        self._heated = self._done
-        self._heat_due = self._done + self._count(HEAT_S)
-        torque, speed = self.motors.torque(self.data), self.motors.speed(self.data)
-        if self.electrics.advance(torque, speed, self.motors.driven, elapsed):
-            self._wanted &= self.electrics.alert == 0
-            self.motors.power(self._wanted, self.electrics.voltage)
-
     def _count(self, time: float) -> int:
-        """Steps of the engine in a time, s."""
-        return floor(time / self.world.step + ROUND_OFF)
+        return floor(time / self.world.step + STEP_ROUNDING)
 
     def _next_event(self) -> int:
-        """Step at which the engine has to stop for something, or for the end of a batch."""
         event = self._done + max(self._count(BATCH_S), 1)
         if self._waiting:
             event = min(event, self._waiting[0][0])
@@ -255,7 +249,6 @@ class Simulation:
         return event
 
     def _apply_pushes(self) -> None:
-        """Forces of the pushes that last now, on the engine's bodies."""
         self.data.xfrc_applied[:] = 0.0
         for start, end, push in self._pushes:
             if not start <= self._done < end:
@@ -268,12 +261,3 @@ class Simulation:
                 point = data.xpos[link] + data.xmat[link].reshape(3, 3) @ frame.position
             data.xfrc_applied[link, :3] += force
             data.xfrc_applied[link, 3:] += np.cross(point - data.xipos[link], force)
-
-
-def _load(model: Any, world: World, perturbation: Perturbation) -> None:
-    """Change the masses of the robot's links."""
-    links = slice(world.root, None)  # the world and what is fixed to it weigh nothing that matters
-    model.body_mass[links] *= perturbation.mass_scale
-    model.body_inertia[links] *= perturbation.mass_scale
-    total = model.body_mass[links].sum()
-    model.body_ipos[world.root] += np.array(perturbation.com_offset) * total / model.body_mass[world.root]

@@ -1,4 +1,4 @@
-"""The state of a simulated robot, most of it not measurable on a real one: contacts, ground truth of balance."""
+"""The state of a simulated robot: contacts, and ground truth of balance."""
 
 from dataclasses import dataclass
 from math import nan
@@ -13,20 +13,18 @@ from sim.physics.simulation import Simulation
 from sim.physics.world import World
 
 LOADED_SHARE = 0.03
-"""A sole carries when it bears this share of the robot's weight."""
+"""Share of the robot's weight from which a sole carries."""
 
 
 @dataclass(frozen=True, eq=False)
 class PhysicsState:
     """One tick of n servos and k soles. World frame, SI.
 
-    q (nq,): posture in the coordinates of the robot's own body, root included where it has one; root (7,): xyz and
-    wxyz of the root link. com (3,). zmp (2,): centre of pressure of the soles, NaN in the air
-    and while a hand holds the robot. load (k,): N on each sole. sole (k, 3): where each is; tilt (k,): of each to the
-    floor, rad. corner (c, 2): where the corners of all soles are on the floor; pressed (c,): N on each. torque (n,) N m
-    at the shafts, temperature (n,) degrees Celsius. self_contacts: of links with each other; fixture_contacts: with
-    fixtures, and of hands with the floor; touching: the link, other than soles and hands, that touches the floor, else
-    "".
+    q (nq,): posture in the coordinates of the robot's own body; root (7,): xyz and wxyz of the root link. com (3,). zmp
+    (2,): centre of pressure of the soles, NaN in the air and while a hand holds the robot. load (k,) N, sole (k, 3),
+    tilt (k,) rad: of each sole. corner (c, 2): corners of all soles; pressed (c,): N on each. torque (n,) N m,
+    temperature (n,) degrees Celsius. self_contacts: of links with each other; fixture_contacts: with fixtures, and of
+    hands with the floor; touching: another link on the floor, or "".
     """
 
     time: float
@@ -47,7 +45,7 @@ class PhysicsState:
 
 
 class StateReader:
-    """Reads states off a simulation. corner_soles (c,): of which sole each corner is."""
+    """Reads the states of a simulation. corner_soles (c,): the sole of each corner."""
 
     def __init__(self, simulation: Simulation) -> None:
         world = simulation.world
@@ -65,7 +63,7 @@ class StateReader:
         self._joints = world.robot.body.joint_qpos[world.robot.body.joint_type > 1]
 
     def loaded(self, load: FloatArray) -> BoolArray:
-        """Return which soles carry, by the load (k,) N on each."""
+        """Return which soles carry, by their loads (k,) N."""
         return np.asarray(load > self._least, dtype=np.bool_)
 
     def read(self) -> PhysicsState:
@@ -103,21 +101,20 @@ class StateReader:
         )
 
     def _find_corners(self) -> tuple[int, ...]:
-        """Find the balls in the corners of the soles: of which sole each is."""
         model = self._world.model
         balls = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith(SOLE)]
         self._corner_of = {ball: row for row, ball in enumerate(balls)}
         soles = tuple(int(self._world.owners[ball]) - 1 for ball in balls)
         self._corner_rows = np.array(soles, dtype=np.intp)
-        # Of each ball, what touches the floor below a level sole: (c, 3, 1) [m], on the link.
+        # Lowest point of each ball below a level sole, (c, 3, 1) [m] on the link.
         self._corners = model.geom_pos[balls].reshape(-1, 3, 1) - BALL_M * self._ups[self._corner_rows]
         return soles
 
     def _contacts(self, data: Any) -> tuple[FloatArray, FloatArray, FloatArray, tuple[int, int, str]]:
-        """Load of the soles (k,) and of their corners (c,) N, centre of pressure (2,) m, and contacts: number of own
-        links and fixtures, and a link on the floor.
+        """Return loads of soles (k,) and corners (c,) N, centre of pressure (2,) m, and the contacts: their number
+        between links and with fixtures, and a link on the floor.
 
-        A contact's first row is its normal force (elliptic cone). In plain floats: there are a dozen contacts.
+        The first row of a contact is its normal force (elliptic cone). In plain floats for a dozen contacts.
         """
         load, pressed = [0.0] * len(self._feet), [0.0] * len(self._corner_of)
         own = fixtures = 0

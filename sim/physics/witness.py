@@ -1,4 +1,4 @@
-"""The witness of a simulated robot in a run: its state and log, whether it fell, and what is reported of it."""
+"""The witness of a simulated robot in a run: its log, its fall, and their report."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -18,27 +18,22 @@ from sim.physics.mount import Support
 from sim.physics.simulation import Simulation
 from sim.physics.state import LOADED_SHARE, PhysicsState, StateReader
 
-# The log, tick by tick: states, slip of soles, extremes.
-
 MAX_ROWS = 450_000
-"""Most ticks that are kept, an hour at 125 Hz; the sums go on after them."""
+"""Most ticks of a log, an hour at 125 Hz; sums and extremes go on."""
 BLOCK_ROWS = 4096
-"""Memory is allocated for so many at a time, and nothing is ever moved."""
+"""Rows of a block of memory; full blocks are not moved."""
 SLIP_RESOLUTION_M = 1e-4
-"""A sole that carries has slipped when its corners are this far from where they were. Trembling below this does not add
-up."""
+"""Displacement of the corners from which slip counts, so that trembling does not add up."""
 LIFTED_S = 0.05
-"""A sole without load for longer has been lifted: the way to where it comes down is no slip. A sliding sole trembles,
-and is without load for shorter times."""
+"""A sole without load for longer has been lifted, and its displacement is no slip; a sliding sole trembles."""
 
 
 class PhysicsLog:
-    """Rows of states, in single precision but for the time; `rows` says how many.
+    """States, in single precision but for the time, and their sums and extremes.
 
     slip_m (k,): horizontal path length of each sole while it carried: the mean of its corners, weighted by their loads.
-    So a sole that turns on its spot slips, and one that rocks on a fixed edge does not. worst_tilt: of a
-    sole that carried, rad.
-    hottest (n,): of each servo, degrees Celsius. self_contact_ticks: with links touching each other.
+    So a sole that turns on the spot slips, and one that rocks on a fixed edge does not. worst_tilt: of a sole that
+    carried, rad. hottest (n,): degrees Celsius. self_contact_ticks: ticks with links in contact.
     """
 
     def __init__(
@@ -50,7 +45,7 @@ class PhysicsLog:
         nq: int,
         loaded: Callable[[FloatArray], BoolArray],
     ) -> None:
-        """corners (c,): of which sole each corner is. loaded: which soles carry, by the load on each."""
+        """corners (c,): the sole of each corner. loaded: returns which soles carry, by their loads."""
         shapes: dict[str, tuple[int, ...]] = {"q": (nq,), "root": (7,), "com": (3,), "zmp": (2,), "load": (soles,)}
         shapes |= {"sole": (soles, 3), "tilt": (soles,), "torque": (servos,)}
         self._row = np.dtype([("time", "f8"), *((name, "f4", shape) for name, shape in shapes.items())])
@@ -68,25 +63,6 @@ class PhysicsLog:
 
     def add(self, state: PhysicsState) -> None:
         """Append a state of the simulation."""
-        self._sum(state)
-        if self.rows == MAX_ROWS:
-            return
-        row = self.rows % BLOCK_ROWS
-        if row == 0:
-            self._blocks.append(np.zeros(BLOCK_ROWS, self._row))
-        self._blocks[-1][row] = tuple(getattr(state, name) for name in self._row.names or ())
-        self.rows += 1
-
-    def column(self, name: str) -> FloatArray:
-        """The rows of one quantity of `PhysicsState`: time (rows,), else (rows, width); sole (rows, k, 3).
-
-        Kept are time, q, root, com, zmp, load, sole, tilt and torque.
-        """
-        blocks = [block[name] for block in self._blocks] or [np.zeros(0, self._row)[name]]
-        return np.asarray(np.concatenate(blocks)[: self.rows], dtype=np.float64)
-
-    def _sum(self, state: PhysicsState) -> None:
-        """Update sums and extremes."""
         carries, tilts = self._loaded(state.load).tolist(), state.tilt.tolist()
         places, pressed = state.corner.tolist(), state.pressed.tolist()
         for sole, corners in enumerate(self._corners):
@@ -100,38 +76,40 @@ class PhysicsLog:
         np.maximum(self.hottest, state.temperature, out=self.hottest)
         self.self_contact_ticks += state.self_contacts > 0
         self.fixture_contact_ticks += state.fixture_contacts > 0
+        if self.rows == MAX_ROWS:
+            return
+        row = self.rows % BLOCK_ROWS
+        if row == 0:
+            self._blocks.append(np.zeros(BLOCK_ROWS, self._row))
+        self._blocks[-1][row] = tuple(getattr(state, name) for name in self._row.names or ())
+        self.rows += 1
+
+    def column(self, name: str) -> FloatArray:
+        """Return one quantity of `PhysicsState`: time (rows,), sole (rows, k, 3), q, root, com, zmp, load, tilt or
+        torque (rows, width)."""
+        blocks = [block[name] for block in self._blocks] or [np.zeros(0, self._row)[name]]
+        return np.asarray(np.concatenate(blocks)[: self.rows], dtype=np.float64)
 
     def _slide(self, sole: int, places: list[tuple[float, float]], pressed: list[float]) -> None:
-        """Add the displacement of the corners of a sole that carries. In plain floats: they are few."""
         anchors, load = self._anchors[sole], sum(pressed)
         if anchors is None or load <= 0.0:  # it has just touched down
             self._anchors[sole] = places
             return
-        way = sum(force * hypot(x - u, y - v) for force, (x, y), (u, v) in zip(pressed, places, anchors, strict=True))
-        if way > SLIP_RESOLUTION_M * load:
-            self.slip_m[sole] += way / load
+        slip = sum(force * hypot(x - u, y - v) for force, (x, y), (u, v) in zip(pressed, places, anchors, strict=True))
+        if slip > SLIP_RESOLUTION_M * load:
+            self.slip_m[sole] += slip / load
             self._anchors[sole] = places
 
-
-# Whether a simulated robot has fallen.
-#
-# It has fallen if one of these holds:
-#   - every sole tips more than MOST_TILT (a torso that bends low over flat soles is no fall);
-#   - its pelvis (the root link, where the profile has no such frame) is lower than LOW_SHARE of its height in `stand`,
-#     or, where posture `rest` is lower still, than REST_SHARE of its height there;
-#   - anything but soles and hands touches the floor (a hand there is no fall by itself), except in posture `rest`.
-#
-# A robot without torque that goes down has fallen too, unless it was at rest: then it has sat down.
 
 MOST_TILT = radians(30.0)
 """Tilt of a sole, rad."""
 LOW_SHARE, REST_SHARE = 0.5, 0.8
-"""Shares of the height of the pelvis."""
+"""Shares of the height of the pelvis in `stand` and in `rest`."""
 
 
 @dataclass(frozen=True)
 class Fall:
-    """time: s since the bus was opened. how: in words. powered: whether servos had torque."""
+    """A fall. time: s since the bus was opened. how: in words. powered: servos had torque."""
 
     time: float
     how: str
@@ -139,22 +117,25 @@ class Fall:
 
 
 class FallWatch:
-    """Judges states of a robot that stands on the floor."""
+    """Judges states of a robot that stands on the floor.
+
+    It has fallen if every sole tilts more than MOST_TILT, if its pelvis (without such a frame its root link) is below
+    LOW_SHARE of its height in `stand` and REST_SHARE of that in `rest`, or if a link other than soles and hands touches
+    the floor in a posture other than `rest`. lowest: bound on the height of the pelvis, m.
+    """
 
     def __init__(self, robot: RobotBody) -> None:
         self._robot = robot
         stand, rest = (plant(robot, posture) for posture in (robot.profile.postures.stand, robot.profile.postures.rest))
-        # Height of the pelvis over the root link, in the frame of the root: so each state costs one rotation.
         frame = robot.profile.frames.get("pelvis")
         on_root = frame is not None and robot.frame("pelvis").body == int(np.flatnonzero(robot.body.parent == 0)[1])
         self._pelvis = robot.frame("pelvis").position.tolist() if on_root else [0.0, 0.0, 0.0]
         heights = [stance.q[2] + _raised(stance.q.tolist(), self._pelvis) for stance in (stand, rest)]
         self.lowest = min(LOW_SHARE * heights[0], REST_SHARE * heights[1])
-        """Of the pelvis, m."""
         self._rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
 
     def look(self, state: PhysicsState) -> str | None:
-        """Return how it has fallen, in words; None: it stands."""
+        """Return its fall in words; None: it stands."""
         root = state.root.tolist()
         if state.tilt.min(initial=np.inf) > MOST_TILT:
             return f"the soles tip by {degrees(state.tilt.min()):.0f} degrees"
@@ -166,30 +147,30 @@ class FallWatch:
         return None
 
     def at_rest(self, q: FloatArray) -> bool:
-        """Whether a posture (nq,) is the profile's posture `rest`."""
+        """Return whether a posture (nq,) is the profile's posture `rest`."""
         return bool(np.abs(q[self._robot.servo_columns] - self._rest).max() <= NEAR_REST)
 
 
 def _raised(root: Sequence[float], point: Sequence[float]) -> float:
-    """How high a point (3,) of a root link is over its origin; root: xyz, wxyz. In plain floats, for every tick."""
+    """Return the height of a point (3,) of a root link over its origin. root: xyz, wxyz. In plain floats: each tick."""
     w, i, j, k = root[3:7]
     x, y, z = point
     return 2.0 * (i * k - w * j) * x + 2.0 * (j * k + w * i) * y + (1.0 - 2.0 * (i * i + j * j)) * z
 
 
-# The witness: the present state, the log, and whether it fell.
-
 AFTERMATH_S = 1.5
-"""Time, s, that a robot is watched for a fall after its torque went off for good."""
+"""Time for which a robot may fall after its torque went off for good, s."""
 LOOK_S = 0.008
-"""Time, s, between two looks then."""
+"""Period of the states in that time, s."""
 
 
 class Witness:
-    """state: as of the last `look`. log: of every look since torque first went on. powered: whether the servos have
-    torque. at_rest: whether the robot was in its rest posture when its torque went off last: then going down is sitting
-    down. fall: the first; None: it has not fallen, or hangs. toppled: how a robot at rest went down when its torque
-    went off, if it did not stay sitting; that is no `fall`, but no good rest posture either."""
+    """The observer of a simulated robot.
+
+    state: of the last `look`. log: of every look since torque first went on. powered: servos have torque. at_rest: the
+    robot was in its rest posture when torque last went off, so that going down is sitting down. fall: the first; None:
+    it has not fallen, or hangs. toppled: how a robot at rest went down without torque, which is no `fall`.
+    """
 
     def __init__(self, simulation: Simulation) -> None:
         world = simulation.world
@@ -211,14 +192,13 @@ class Witness:
 
     @property
     def soles(self) -> BoolArray | None:
-        """Mask (k,) of the soles that carried at the last look; None: a hand holds the robot, or its feet are in the
-        air for good."""
+        """Mask (k,) of the soles that carried at the last look; None: a hand, a stand or a rope holds the robot."""
         if self._watch is None or self.simulation.held:
             return None
         return self._reader.loaded(self.state.load)
 
     def look(self) -> None:
-        """Take the present state."""
+        """Read the present state."""
         self.state = state = self._reader.read()
         if self.simulation.moves:
             self.log.add(state)
@@ -231,7 +211,7 @@ class Witness:
         self.powered = on
 
     def see_it_out(self) -> None:
-        """Watch for AFTERMATH_S on the simulation's own time."""
+        """Simulate AFTERMATH_S, and judge whether the robot falls."""
         if self._watch is None or not self.simulation.moves:
             return
         for _ in range(round(AFTERMATH_S / LOOK_S)):
@@ -249,11 +229,8 @@ class Witness:
             self.fall = Fall(state.time, how, self.powered)
 
 
-# Any bus above a simulated robot, with a witness at each read.
-
-
 class WitnessedBus:
-    """A `hardware.bus.ServoBus` that passes every call to another one. `witness` has what the report needs."""
+    """A `hardware.bus.ServoBus` that passes every call to another one, and observes the robot at each read."""
 
     def __init__(self, bus: ServoBus, witness: Witness) -> None:
         self._bus = bus
@@ -265,7 +242,7 @@ class WitnessedBus:
         self._bus.open()
 
     def read(self) -> ServoStates:
-        """Read it, observe the robot, and add the contact state of its soles. Raises BusError as it does."""
+        """Read it, and add the contact state of the soles. Raises BusError as it does."""
         states = self._bus.read()
         self.witness.look()
         return replace(states, soles=self.witness.soles)
@@ -286,8 +263,8 @@ class WitnessedBus:
             self.witness.switched(on)
 
     def close(self) -> None:
-        """Close it, and watch for AFTERMATH_S whether the robot falls: one that still has torque before that, as it
-        would keep it. Raises BusError as it does."""
+        """Close it, and simulate whether the robot falls afterwards: before that, if it still has torque. Raises
+        BusError as it does."""
         if self.witness.powered:
             self._see_out()
         try:
@@ -301,12 +278,9 @@ class WitnessedBus:
             self.witness.see_it_out()
 
 
-# From the witness of a simulated robot to the result of a run.
-
-
 def zmp_margins(robot: RobotBody, log: PhysicsLog, *, least_load: float) -> FloatArray:
-    """How far (rows,) m the centre of pressure was inside the hull of the soles that carried `least_load` N or more;
-    NaN where none did, and while a hand held the robot."""
+    """Return the distance (rows,) m of the centre of pressure inside the hull of the soles with `least_load` N or more;
+    NaN without any, and while a hand holds the robot."""
     margins = np.full(log.rows, np.nan)
     feet = list(robot.profile.feet.values())
     if not feet or not log.rows or robot.body.root != "free":
@@ -327,7 +301,7 @@ def zmp_margins(robot: RobotBody, log: PhysicsLog, *, least_load: float) -> Floa
 def physics_run(
     witness: Witness, *, begun: float = 0.0, seed: int = 0, perturbations: tuple[str, ...] = ()
 ) -> PhysicsRun:
-    """Return what was observed up to now. begun: the run's time, s, at the first look after torque went on."""
+    """Return the observations. begun: the run's time, s, at the first look after torque went on."""
     log, world = witness.log, witness.simulation.world
     time = log.column("time")
     later = begun - float(time[0]) if log.rows else 0.0

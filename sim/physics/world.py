@@ -1,6 +1,6 @@
-"""The world of a simulated robot: its own body on a floor, on a stand or on a gantry, compiled for the engine."""
+"""The world of a simulated robot: its body on a floor, a stand or a gantry, compiled for the engine."""
 
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -27,21 +27,20 @@ HAND_LANDMARKS = ("l_hand", "r_hand")
 STEP_S = 0.002
 """Step of the engine, s."""
 ITERATIONS, LINE_ITERATIONS = 20, 50
-"""Most of the contact solver; it starts warm, and needs one or two. With fewer of the line search it ends far from the
-solution now and then, and soles jump."""
+"""Most iterations of the contact solver, which starts warm and needs one or two, and of its line search: with fewer it
+sometimes ends far from the solution, and soles jump."""
 IMPEDANCE_RATIO = 10.0
-"""Factor by which soles are firmer along the floor than into it: else they creep under any load."""
+"""Ratio of the impedances of friction and normal force (MuJoCo, impratio): with less, soles creep under any load."""
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """A compiled world and what its numbers mean.
+    """A compiled world and the meaning of its indices.
 
-    model: `mujoco.MjModel`. drives: in servo order. root: index of the root link. free: whether the root moves.
-    columns (nj,): where the joints of the robot's own q, without its root, are in the engine's. soles: frames on their
-    links, in the profile's order. owners (ngeom,): 0 the floor, 1 + i the foot of sole i, HANDS, ROBOT,
-    FIXTURES.
-    start: the engine's position coordinates at the beginning.
+    model: `mujoco.MjModel`. drives: in servo order. root: index of the root link. free: the root moves. columns (nj,):
+    columns of the joints of the robot's q, without its root, in the engine's. soles: frames on their links, in the
+    order of the profile. owners (ngeom,): 0 the floor, 1 + i the foot of sole i, HANDS, ROBOT or FIXTURES. start: the
+    engine's coordinates at the beginning.
     """
 
     robot: RobotBody
@@ -66,7 +65,7 @@ class World:
 
     @cached_property
     def start_angles(self) -> FloatArray:
-        """Angles of the servo joints at the beginning, (n,) rad."""
+        """First angles of the servo joints, (n,) rad."""
         columns = [self.model.joint(drive.servo.joint).qposadr[0] for drive in self.drives]
         return np.asarray(self.start[columns])
 
@@ -85,10 +84,10 @@ def build_world(
     scene: Scene | None = None,
     notify: Callable[[str], object] = lambda note: None,
 ) -> World:
-    """Build the world of a robot that begins with servo joints at `angles` (n,) rad, soles on the floor at the origin.
+    """Build the world of a robot with servo joints at `angles` (n,) rad and soles on the floor at the origin.
 
-    notify: receives what of the scene is left out. Raises ConfigError for a robot that has no masses, no gains, nothing
-    to stand on or no hook to hang from, and where MuJoCo is missing.
+    notify: receives what is left out of the scene. Raises ConfigError for a robot without masses, gains, feet or hook,
+    and without MuJoCo.
     """
     engine()
     check_gains(robot)
@@ -123,21 +122,16 @@ def build_world(
 
 
 def robot_drives(robot: RobotBody, *, stiffness_scale: float = 1.0) -> tuple[Drive, ...]:
-    """The servos of a robot with their motors and loops, in servo order, by `stiffness_scale` as stiff as the profile
-    says."""
+    """Return the servos of a robot with motors and loops, in servo order; stiffness_scale: of the profile's
+    stiffness."""
     return tuple(
-        Drive(
-            servo,
-            drive_numbers(servo.model),
-            position_loop(servo),
-            stiffness_scale * loop_stiffness(servo),
-        )
+        Drive(servo, drive_numbers(servo.model), position_loop(servo), stiffness_scale * loop_stiffness(servo))
         for servo in robot.joint_map.servos
     )
 
 
 def _placed(robot: RobotBody, stance: Stance, mount: Mount) -> Pose:
-    """Where the root link is at the start: soles on the floor, or `lift` above it."""
+    """Return the first pose of the root link: soles on the floor, or `lift` above it."""
     if robot.profile.root == "free":
         position, quat = stance.q[:3], stance.q[3:7]
     else:  # as the body file has it
@@ -149,8 +143,8 @@ def _placed(robot: RobotBody, stance: Stance, mount: Mount) -> Pose:
 
 
 def _lift(robot: RobotBody, mount: Mount) -> float:
-    """How far the start is above where the robot would stand, m. A body file with a fixed root has its height, unless
-    stretched legs would touch the floor from there."""
+    """Return the height of the start above standing, m. A body file with a fixed root has its height, unless stretched
+    legs would touch the floor from there."""
     if mount.support is Support.FLOOR:
         return 0.0
     if robot.profile.root == "free":
@@ -177,18 +171,17 @@ def _set_options(spec: Any) -> None:
     # Implicit in velocity: the servos' damping is too stiff for an explicit step of 2 ms.
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    # With an elliptic cone, the ratio of the impedances of friction and normal force (MuJoCo, "Solver parameters").
     option.impratio = IMPEDANCE_RATIO
     option.iterations, option.ls_iterations = ITERATIONS, LINE_ITERATIONS
     option.gravity = [0.0, 0.0, -GRAVITY]
-    # One robot is one island. `Simulation` raises when it diverges, so no reset.
+    # One robot is one island. `Simulation` raises if it diverges, so there is no reset.
     for flag in ("mjDSBL_ISLAND", "mjDSBL_MIDPHASE", "mjDSBL_AUTORESET"):
         option.disableflags |= int(getattr(mujoco.mjtDisableBit, flag, 0))  # younger engines have more of them
 
 
 def _let_touching_shapes_be(spec: Any, robot: RobotBody, drives: Sequence[Drive]) -> None:
-    """Exclude pairs of links that the profile ignores, and those that touch in `neutral`, `stand` or `rest`: shapes are
-    larger than the links, and would press them apart."""
+    """Exclude pairs of links that the profile ignores, and those that touch in `neutral`, `stand` or `rest`, whose
+    shapes are larger than the links."""
     mujoco = engine()
     model = _compiled(spec, robot)
     data = mujoco.MjData(model)
@@ -198,15 +191,14 @@ def _let_touching_shapes_be(spec: Any, robot: RobotBody, drives: Sequence[Drive]
         for drive in drives:
             data.qpos[model.joint(drive.servo.joint).qposadr[0]] = posture.get(drive.servo.joint, 0.0)
         mujoco.mj_forward(model, data)
-        pairs |= {frozenset(_links(model, geoms)) for geoms in data.contact.geom[data.contact.dist < 0.0]}
+        pairs |= {
+            frozenset(model.body(model.geom_bodyid[geom]).name for geom in geoms)
+            for geoms in data.contact.geom[data.contact.dist < 0.0]
+        }
     known = {(link.bodyname1, link.bodyname2) for link in spec.excludes}
     for first, second in sorted(tuple(sorted(pair)) for pair in pairs if len(pair) == 2 and "world" not in pair):
         if (first, second) not in known and (second, first) not in known:
             spec.add_exclude(bodyname1=first, bodyname2=second)
-
-
-def _links(model: Any, geoms: Iterable[int]) -> tuple[str, ...]:
-    return tuple(model.body(model.geom_bodyid[geom]).name for geom in geoms)
 
 
 def _compiled(spec: Any, robot: RobotBody) -> Any:
@@ -231,7 +223,6 @@ def _world(
     angles: FloatArray,
     root: str,
 ) -> World:
-    """Name the parts of a compiled model."""
     soles = tuple(robot.frame(foot.frame) for foot in robot.profile.feet.values())
     free = mount.support is not Support.STAND
     index = model.body(root).id
@@ -248,7 +239,7 @@ def _world(
 
 
 def hand_links(robot: RobotBody) -> frozenset[str]:
-    """The links of a robot that follow the performer's hands."""
+    """Return the links of a robot that follow the performer's hands."""
     hands = robot.landmark_frames(tuple(name for name in HAND_LANDMARKS if name in robot.profile.landmarks))
     return frozenset(robot.body.body_names[robot.frame(frame).body] for frame in hands)
 
