@@ -9,7 +9,7 @@ import numpy as np
 
 from hardware.arrays import TickArray
 from hardware.bno08x import SerialImu
-from hardware.bus import BusSpec, ServoGoals, ServoStates
+from hardware.bus import BusSpec, ServoGoals, ServoStates, check_open
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.cyclic import BusLine, read_cycle
 from hardware.dynamixel.opencr import OpenCrImu
@@ -177,13 +177,13 @@ class DynamixelBus:
     def read(self) -> ServoStates:
         """Run one cycle of all ports. It waits for the IMU from the second consecutive read without goals on, since the
         first may be the posture to hold."""
-        self._require_open("read")
+        check_open(self._state is not BusState.CLOSED, where="bus, read")
         request, self._only_read = self._only_read, True
         return self._cycle(request_imu=request)
 
     def write(self, goals: ServoGoals) -> None:
         """Send goals, one sync write per port."""
-        self._require_open("write")
+        check_open(self._state is not BusState.CLOSED, where="bus, write")
         ticks = goals.ticks
         self._map.check_goals(ticks, where="bus, write")
         self._finish_imu()
@@ -197,7 +197,7 @@ class DynamixelBus:
 
     def limit_drive(self, share: float) -> None:
         """Limit the drive of servos with torque, one packet per port."""
-        self._require_open("limit_drive")
+        check_open(self._state is not BusState.CLOSED, where="bus, limit_drive")
         self._finish_imu()
         driven = self._readings.driven
         for drive in self._drives:
@@ -205,7 +205,7 @@ class DynamixelBus:
 
     def torque(self, on: bool) -> None:
         """See `ServoBus`. Torque rises within half a second."""
-        self._require_open("torque")
+        check_open(self._state is not BusState.CLOSED, where="bus, torque")
         self._only_read = False
         if not on:
             with suppress(BusError):  # its port may be gone; the servos' torque comes first
@@ -352,10 +352,6 @@ class DynamixelBus:
                 line.port.close()
         if self.imu is not None:
             self.imu.close()
-
-    def _require_open(self, action: str) -> None:
-        if self._state is BusState.CLOSED:
-            raise BusError("the bus is closed", where=f"bus, {action}", then="Call open first")
 
 
 KEPT = 500

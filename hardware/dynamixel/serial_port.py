@@ -41,11 +41,6 @@ def latency_timer_ms(path: str, devices: Path = DEVICES) -> int | None:
         return None
 
 
-def latency(timer_ms: int | None) -> float:
-    """Return the longest time, s, for which the adapter keeps bytes."""
-    return timer_ms / 1000 if timer_ms else ASSUMED
-
-
 def timer_command(path: str, devices: Path = DEVICES) -> str:
     """Return the command that sets the timer to 1 ms."""
     return f"echo {LOW_TIMER_MS} | sudo tee {timer_file(path, devices)}"
@@ -202,7 +197,7 @@ class SerialPort:
     @property
     def latency(self) -> float:
         """See `BytePort`."""
-        return latency(self.latency_timer_ms)
+        return self.latency_timer_ms / 1000 if self.latency_timer_ms else ASSUMED
 
     @property
     def latency_command(self) -> str | None:
