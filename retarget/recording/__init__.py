@@ -1,5 +1,5 @@
-"""Records runs to MCAP and NPZ, reads and replays them, and exports motions.
+"""Records runs, reads and replays them, and exports motions.
 
-Input: the ticks of a run, or a file. Output: files, `Motion`, and the inputs of a replay. It imports `run` and what
-`run` imports.
+Input: the ticks of a run, or a file. Output: MCAP, NPZ, `Motion`, and the inputs of a replay. It imports `run` and
+below.
 """

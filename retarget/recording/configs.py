@@ -1,5 +1,4 @@
-"""The config files of a recorded run: unchanged ones from their place, others from the recording, or those of a given
-robot."""
+"""The config files of a recorded run, from their place if unchanged, else from the recording."""
 
 import hashlib
 from collections.abc import Iterator

@@ -104,10 +104,8 @@ def followed(motion: Motion, *, found: str = "no such tick", next_step: str = ""
 
 
 def posture(body: BodyModel, joint_names: tuple[str, ...], joints: FloatArray, root: FloatArray) -> FloatArray:
-    """Postures (T, nq) of a body with a free root, from joints (T, n) and the root (T, 7), xyz and wxyz.
-
-    Other joints keep their value in the body file. Raises ConfigError for an unknown joint.
-    """
+    """Postures (T, nq) from joints (T, n) and the free root (T, 7), xyz and wxyz; other joints as in the body file.
+    Raises ConfigError for an unknown joint."""
     q = np.tile(body.qpos0, (len(joints), 1))
     q[:, :7] = root
     q[:, [body.joint_qpos[body.joint_index(name)] for name in joint_names]] = joints

@@ -106,7 +106,7 @@ def _moved_body(body: BodyModel, q: FloatArray) -> Arrays:
 
 def joints_and_root(body: BodyModel, q: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
     """Names and positions (T, n), rad or m, of all hinges and slides in postures (T, nq), and the root (T, 7), xyz and
-    wxyz of the first link in the world."""
+    wxyz."""
     single, address = body.scalar_joints()
     solver, q = body.solver_body(), np.ascontiguousarray(q)
     root = np.hstack([solver.points(q, [1], np.zeros((1, 3)))[:, 0], solver.orientations(q, [1])[:, 0]])

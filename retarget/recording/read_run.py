@@ -1,4 +1,4 @@
-"""A recorded run read back from any of its files, for the page, for exports and for programs.
+"""A recorded run read back from any of its files.
 
 NPZ (`--save`) has every tick in full precision. MCAP (`--record`) has goals and root in single precision, the desired
 landmarks 25 times a second (interpolated linearly) and the human 12.5 times.
@@ -275,8 +275,8 @@ def _time(found: Recording, index: NDArray[np.int64]) -> FloatArray:
 
 
 def _landmarks(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -> dict[str, Any]:
-    """Desired landmarks at every cycle: interpolated linearly, constant before the first and after the last known one,
-    and unknown beside an unknown one."""
+    """Desired landmarks at every cycle: interpolated linearly, and constant before the first and after the last known
+    one."""
     tracks = {}
     for at, name in enumerate(names[: topic.rows["poses"].shape[1]]):
         said = topic.rows["poses"][:, at, :3]

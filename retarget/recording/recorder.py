@@ -47,7 +47,7 @@ SWITCH_S = 1e-3
 class CycleObserver(RunObserver):
     """Fills a row of a ring in each cycle of a run: the arming of a robot, and each tick.
 
-    ring: None outside the run. events: to be written. rows: number of copied record rows.
+    ring: None outside the run. rows: number of copied record rows.
     """
 
     def __init__(self, truth: Callable[[], FloatArray | None], warn: Callable[[], object]) -> None:
@@ -116,7 +116,16 @@ class CycleObserver(RunObserver):
             if sample is not None:
                 rows.sensor_position[at], rows.sensor_orientation[at] = sample.position, sample.orientation
                 rows.sensor_valid[at] = sample.valid
-        self._log_failures(rows, at, given)
+        for failure in given.failures:
+            source = failure.cause.value
+            if servos is None and failure.cause is not StopCause.SOURCE:
+                source, rows.read[at] = "bus read", Done.FAILED
+            elif failure.cause is StopCause.BUS:
+                source = "bus write"
+            self.log(source, failure.reason, LogLevel.ERROR)
+        if operator.fault is not None:
+            cause, reason = operator.fault
+            self.log("outside", f"{cause.value}: {reason}", LogLevel.ERROR)
         # The goal that was given to the bus, the row of the record, and where the run is.
         if goal is not None and machine is not None:
             rows.goal_ticks[at] = machine.guard.ticks_of(goal)
@@ -127,18 +136,6 @@ class CycleObserver(RunObserver):
             rows.state[at] = STATES_OF_RUN[machine.supervisor.state]
             self._log_changes(machine)
         ring.turn()
-
-    def _log_failures(self, rows: RunTable, at: int, given: TickInput) -> None:
-        for failure in given.failures:
-            source = failure.cause.value
-            if given.servos is None and failure.cause is not StopCause.SOURCE:
-                source, rows.read[at] = "bus read", Done.FAILED
-            elif failure.cause is StopCause.BUS:
-                source = "bus write"
-            self.log(source, failure.reason, LogLevel.ERROR)
-        if given.operator.fault is not None:
-            cause, reason = given.operator.fault
-            self.log("outside", f"{cause.value}: {reason}", LogLevel.ERROR)
 
     def _log_changes(self, machine: Machine) -> None:
         stop, torque, state = machine.guard.stop, machine.guard.torque, machine.supervisor.state
@@ -174,8 +171,8 @@ class CycleObserver(RunObserver):
 class Recorder:
     """Records one run. path: None for no recording.
 
-    clock: of the run; a run on a virtual clock waits for the disk, others count missing rows. notify: receives failures
-    of the recording. observer: to be given to the run.
+    clock: of the run; a virtual clock lets the run wait for the disk. notify: receives failures of the recording.
+    observer: to be given to the run.
     """
 
     def __init__(

@@ -299,7 +299,7 @@ def posture_difference(recording: Recording, q: FloatArray) -> Difference:
 
 
 def _located(off: FloatArray, cycles: IntArray, names: tuple[str, ...], seconds: FloatArray) -> Difference:
-    """The difference of numbers (T, n) with these names, in cycles (T,) that began at seconds (T,) of the recording."""
+    """The difference of numbers (T, n) with these names, in cycles (T,) at times (T,) s of the recording."""
     wrong = np.flatnonzero((off > 0.0).any(axis=1))
     if not wrong.size:
         return Difference(compared=len(off))

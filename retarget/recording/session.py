@@ -53,8 +53,8 @@ class Size(_Strict):
 
 
 class Session(_Strict):
-    """A run. version, numpy, machine: the computing environment (see `machine_name`). Options as in `RunOptions`;
-    ticks, dt, motion_dt: of its samples; intake: hold, fade, speed, turn."""
+    """A run. version, numpy, machine: its computing environment. Options as in `RunOptions`; ticks, dt, motion_dt: of
+    its samples; intake: hold, fade, speed, turn."""
 
     format: Literal[3]
     version: str

@@ -19,6 +19,8 @@ SENSORS, JOINTS, GOALS, SERVOS, TICK = "/sensors", "/joint_states", "/goals", "/
 LANDMARKS, HUMAN_JOINTS, HUMAN_POSTURE, FRAMES = "/landmarks", "/human/joints", "/human/posture", "/tf"
 EVENTS, TRUTH, IMU, CONTACT, STICK = "/events", "/truth", "/imu", "/contact", "/cmd_vel"
 WORLD, POSTURE, JOINT_STATE = "world", "retarget_msgs/msg/Posture", "sensor_msgs/msg/JointState"
+XYZW = [1, 2, 3, 0]
+"""Columns of a quaternion wxyz in ROS order."""
 STEP = 2.0**-16
 """Step, m or rad, of rounded numbers: 15 um. It makes most of their bytes 0, which compress well."""
 
@@ -109,36 +111,19 @@ def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, r
         fields(GOALS, JOINT_STATE, names, kept(GOALS), **of_joints),
         fields(SERVOS, "retarget_msgs/msg/Servos", names, lambda cycles: cycles.read != Done.NOT, **of_joints),
         _frames(robot, kept(FRAMES)),
-        *(_imu_topics(robot) + _contact_topics(robot, kept(CONTACT))),
-        _topic(
-            STICK,
-            "geometry_msgs/msg/TwistStamped",
-            (),
-            lambda cycles: ~np.isnan(cycles.velocity_command[:, 0]),
-            lambda cycles: {"twist": cycles.velocity_command},
-            {"frame_id": robot.body.body_names[1]},
-        ),
     ]
-    made += [fields(TRUTH, POSTURE, named["truth"], kept(TRUTH))] if named.get("truth") else []
+    if robot.profile.imu is not None:
+        read = lambda cycles: (cycles.read != Done.NOT) & ~np.isnan(cycles.imu_time)  # noqa: E731
+        imu = fields(IMU, "retarget_msgs/msg/Imu", (), read, frame_id=robot.profile.imu.link)
+        turned = lambda cycles: imu.values(cycles) | {"orientation": cycles.imu_orientation[:, XYZW]}  # noqa: E731
+        made.append(replace(imu, values=turned))
+    if felt_servos(robot).any():
+        made.append(fields(CONTACT, JOINT_STATE, names, kept(CONTACT), **of_joints))
+    moved = lambda cycles: ~np.isnan(cycles.velocity_command[:, 0])  # noqa: E731
+    made.append(fields(STICK, "geometry_msgs/msg/TwistStamped", (), moved, frame_id=robot.body.body_names[1]))
+    if named.get("truth"):
+        made.append(fields(TRUTH, POSTURE, named["truth"], kept(TRUTH)))
     return [*made, points(LANDMARKS, named["landmarks"], "landmarks_asked")]
-
-
-def _imu_topics(robot: RobotBody) -> list[Topic]:
-    def values(cycles: RunTable) -> dict[str, NDArray[Any]]:
-        known = {key: getattr(cycles, field) for key, field in message_fields(IMU).items()}
-        return known | {"orientation": cycles.imu_orientation[:, [1, 2, 3, 0]]}  # as ROS has it, NaN: there is none
-
-    imu, message = robot.profile.imu, "retarget_msgs/msg/Imu"
-    which = lambda cycles: (cycles.read != Done.NOT) & ~np.isnan(cycles.imu_time)  # noqa: E731
-    return [] if imu is None else [_topic(IMU, message, (), which, values, {"frame_id": imu.link})]
-
-
-def _contact_topics(robot: RobotBody, which: Which) -> list[Topic]:
-    """Torques that inverse dynamics does not explain, if the servos measure current."""
-    names = robot.joint_map.joints
-    given: dict[str, Any] = {"frame_id": "", "name": names, "effort": len(names)}
-    values = lambda cycles: {"effort": cycles.unexplained}  # noqa: E731
-    return [_topic(CONTACT, JOINT_STATE, names, which, values, given)] if felt_servos(robot).any() else []
 
 
 def _rounded(values: FloatArray) -> FloatArray:
@@ -148,7 +133,7 @@ def _rounded(values: FloatArray) -> FloatArray:
 def _turned(orientation: FloatArray) -> FloatArray:
     """Quaternions (..., 4) wxyz in ROS order xyzw; the identity if unknown."""
     unknown = np.isnan(orientation).any(axis=-1, keepdims=True)
-    return np.where(unknown, [0.0, 0.0, 0.0, 1.0], orientation[..., [1, 2, 3, 0]])
+    return np.where(unknown, [0.0, 0.0, 0.0, 1.0], orientation[..., XYZW])
 
 
 def _poses(points: FloatArray, turns: FloatArray | None = None) -> FloatArray:

@@ -1,5 +1,5 @@
-"""Measures finished runs and robot motions: report, findings in words, and JSON.
+"""Measures finished runs and robot motions.
 
-Input: a run's record or an exported motion. Output: `Report`, `Judgement` and lines of text. It imports `recording`,
-`run` and what they import.
+Input: a run's record, or a motion. Output: `Report`, `Judgement` and findings in words. It imports `recording` and
+below.
 """

@@ -63,11 +63,8 @@ class FollowingVerdict:
     @property
     def sentence(self) -> str:
         """The verdict, the differences, and the cause."""
-        return (
-            f"{self.words}: {', '.join(self.differs)}{f'; {self.why}' if self.why else ''}"
-            if self.differs
-            else self.words
-        )
+        why = f"; {self.why}" if self.why else ""
+        return f"{self.words}: {', '.join(self.differs)}{why}" if self.differs else self.words
 
 
 def side_words(name: str) -> str:
@@ -481,7 +478,7 @@ def measured_words(run: RunResult, report: Report) -> str:
 
 def remarks(run: RunResult, report: Report, notes: Sequence[str], *, room: int, kept_back: int = 0) -> list[str]:
     """The lines that matter: broken limits, then, as `room` allows, postures not followed, the pair that the gate
-    refused most, and notes. One more line counts holds, `kept_back` notices, and omitted notes."""
+    refused most, and notes. One more line counts the rest."""
     known = findings(run, report)
     lost = [one for one in known if one.kept is False and one.name not in (FOLLOWING, "end")]
     broken = [f"not kept: {one.name}: {one.measured} [allowed: {one.allowed}]" for one in lost]

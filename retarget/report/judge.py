@@ -1,5 +1,5 @@
-"""A neutral judge of a robot's motion from any program. Figures are those of the report, and the size of the robot is
-the unit of those without one."""
+"""A neutral judge of a robot's motion from any program, by the figures of the report and thresholds in the size of the
+robot."""
 
 from dataclasses import dataclass, replace
 from math import ceil
@@ -69,8 +69,8 @@ ASLEEP_RAD_S = 0.01
 
 @dataclass(frozen=True)
 class Nearness:
-    """clearance_mm: least distance, negative inside, null without any. deep_share: of the time more than 1 mm inside.
-    pair: the closest."""
+    """clearance_mm: least distance, negative inside. deep_share: of the time more than 1 mm inside. pair: the
+    closest."""
 
     clearance_mm: float | None
     deep_share: float
@@ -215,8 +215,8 @@ it is planted."""
 
 
 def beside(motion: Motion, robot: RobotBody, source: SensorFrames) -> RunResult:
-    """A motion as a run that followed a performer, over the ticks that both have. Its place and heading on the floor
-    bring the robot nearest to the desired landmarks, because programs differ in them."""
+    """A motion as a run that followed a performer, over the ticks that both have. Its place and heading on the floor,
+    in which programs differ, bring the robot nearest to the desired landmarks."""
     q, dt, rate = _postures(motion, robot), 1.0 / motion.rate_hz, motion.rate_hz
     goes = _goes(robot, q)
     options = RunOptions(robot=robot.profile.name, legs="free" if goes else None)

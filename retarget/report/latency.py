@@ -1,8 +1,7 @@
 """Latency by stage, from a motion of the performer's hand to the shafts of the robot.
 
-Computing times come from stamps of the tick (fields `time_...`). Lags of smoothing, of body limits and of servos are at
-the highest cross-correlation of hand speeds before and after a stage. The sum of the stages is also measured as a
-whole.
+Computing times come from stamps of the tick (fields `time_...`). Lags of smoothing, body limits and servos are at the
+highest cross-correlation of hand speeds before and after a stage.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

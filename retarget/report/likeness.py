@@ -142,10 +142,10 @@ def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1)))
 
 
-# Best posture of each arm, by search. The cost is that of the solver: distances between the lines of the whole arm, the
-# upper arm and the forearm, each by its length and weight. Joint limits hold, and the arm meets neither the trunk nor
-# itself. The search starts from postures spread over all ranges, with random steps of falling size. The trunk is at its
-# target, and speeds and other limbs do not count, so no robot does better.
+# Best posture of each arm, by search from postures spread over all ranges, with random steps of falling size. The cost
+# is that of the solver: distances between the lines of the whole arm, the upper arm and the forearm, each by its length
+# and weight. Joint limits hold, and the arm meets neither the trunk nor itself. The trunk is at its target, and speeds
+# and other limbs do not count, so no robot does better.
 
 SPREAD = 20_000
 """Postures spread over an arm: 4 to 15 degrees apart for three to four joints."""

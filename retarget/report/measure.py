@@ -52,11 +52,8 @@ SERVO_CAUSES = (StopCause.SERVO_LOST, StopCause.LIMB_LOST, StopCause.SERVO_ALERT
 
 
 def fault_count(run: RunResult) -> int:
-    """Servos silent or alarmed, summed over ticks, and failures that ended ticks before they had a row.
-
-    A tick in which the bus fails has no row, nor has one in which a standing robot is stopped. These are known from the
-    guard's stop alone.
-    """
+    """Silent or alarmed servos, summed over ticks, and failures that ended ticks. A tick in which the bus fails has no
+    row, nor has one in which a standing robot is stopped, so the guard's stop counts them."""
     sent = run.record.robot
     seen = 0 if sent is None else int(sent.faults.sum())
     if run.stop is None:
@@ -252,8 +249,8 @@ def _travelled(run: RunResult, reference: ReferenceMotion | None, moved: FloatAr
 
 
 def _moved(run: RunResult, actual: FloatArray) -> FloatArray:
-    """Landmarks (T, k, 3) m as the simulated body moved, else as they were sent; along the axes of the stance of a
-    robot that walks."""
+    """Landmarks (T, k, 3) m as the simulated body moved, else as sent; along the axes of the stance of a walking
+    robot."""
     robot, sent, q = run.robot, run.record.robot, run.seen_q
     if robot is None or sent is None or q is None or run.physics is None:
         return run.seen(actual)
@@ -280,10 +277,8 @@ def travel(run: RunResult) -> tuple[BothMoved, BothMoved]:
     if not run.ticks_followed:
         return BothMoved(None, None), BothMoved(None, None)
     place = record.human_joints[rows, record.human_joint_names.index("pelvis"), :2]
-    travelled, turned = (
-        tracking.extent(place),
-        float(np.degrees(tracking.turn_extent(tracking.performer_headings(run)))),
-    )
+    travelled = tracking.extent(place)
+    turned = float(np.degrees(tracking.turn_extent(tracking.performer_headings(run))))
     if robot is None or q is None:
         return BothMoved(travelled, None), BothMoved(turned, None)
     q = np.ascontiguousarray(q[rows])
@@ -412,8 +407,8 @@ def _clearances(run: RunResult) -> Part:
 
 
 def _standing(run: RunResult) -> Part:
-    """Balance and soles of the postures that were sent. A robot that made steps has the centre of mass alone; one that
-    does not stand has the slide alone."""
+    """Balance and soles of the postures that were sent: of a robot that made steps balance alone, of one that does not
+    stand slide alone."""
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or not robot.on_floor or not len(sent.q):
         return {}

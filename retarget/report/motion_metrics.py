@@ -88,8 +88,8 @@ def limit_violations(
 ) -> LimitViolations:
     """Count violations in joint positions (T, n), `dt` s apart.
 
-    from_rest: the motion begins at rest; otherwise the first displacement has no acceleration. to_rest: it stands still
-    after the last row. A joint that begins beyond a position limit counts only after it was inside.
+    from_rest, to_rest: the motion begins, or ends, at rest; otherwise the first displacement has no acceleration. A
+    joint that begins beyond a position limit counts only after it was inside.
     """
     counts = np.zeros(3, dtype=np.int64)
     for joint, track in enumerate(positions.T):  # one by one: a run is long, and each step of this is as large as it
@@ -316,8 +316,8 @@ AT_REST_M, STEP_M = 2e-5, 2e-3
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """A robot on k soles in T postures: com (T, 3) m; margin (T,) m; place (T, k, 3) m and tilt (T, k) rad of the
-    soles; corners (T, c, 3) m, `sizes` for each sole."""
+    """A robot on k soles in T postures: com (T, 3) m; margin (T,) m; place (T, k, 3) m and tilt (T, k) rad; corners (T,
+    c, 3) m, `sizes` for each sole."""
 
     com: FloatArray
     margin: FloatArray

@@ -187,9 +187,9 @@ def _locked(run: RunResult, name: str, error: FloatArray) -> FloatArray:
     return np.full_like(error, np.nan)
 
 
-# The reference of the hands depends on the performer and constants of the robot alone, never on its motion. A desired
-# hand is the desired shoulder plus the performer's arm, scaled and in their heading (`landmarks`). So the desired
-# shoulders follow from the hands, and with the pelvis they give the torso's orientation.
+# The reference of the hands depends on the performer and constants of the robot alone. A desired hand is the desired
+# shoulder plus the performer's arm, scaled and in their heading (`landmarks`). So the desired shoulders follow from the
+# hands, and with the pelvis they give the torso's orientation.
 
 HANDS = ("l_hand", "r_hand")
 

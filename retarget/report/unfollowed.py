@@ -1,7 +1,4 @@
-"""Postures that a robot on planted soles cannot take: kneeling, lying or sitting on the floor, jumping.
-
-`unfollowed_of` finds them in a finished run, `UnfollowedNotice` reports them during one.
-"""
+"""Postures that a robot on planted soles cannot take: kneeling, lying or sitting on the floor, jumping."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -44,10 +41,7 @@ UPRIGHT = 0.5
 
 def unfollowed_of(run: RunResult, reference: ReferenceMotion | None) -> tuple[Unfollowed, ...] | None:
     """The postures that the robot of a run could not follow, by time; None for a robot without planted soles, or whose
-    legs do not follow.
-
-    The performer is the recorded body if it has all `JOINTS`, else the reconstructed one.
-    """
+    legs do not follow. A complete recorded body counts before the reconstructed one."""
     rows = run.record.following
     if reference is None or run.robot is None or not run.robot.stands or run.setup.parts != "whole":
         return None

@@ -1,4 +1,4 @@
 """Writes and reads motions in the formats of other programs.
 
-Input: a `Motion`, or a file. Output: a file or folder, or a `Motion`. It imports `recording`.
+Input: a `Motion`, or a file. Output: a file or folder, or a `Motion`.
 """

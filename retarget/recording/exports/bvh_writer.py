@@ -1,7 +1,7 @@
 """BVH: a body's tree as a skeleton, y up, z forward, centimetres.
 
-With all rotations zero it has the pose of the body with all joints at zero. A joint whose link slides, or turns about
-another point than its origin, has position channels too.
+Rotations of zero give the pose of the body with all joints at zero. A joint whose link slides, or turns about another
+point than its origin, has position channels too.
 """
 
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
-"""Export of a motion to the format of another program, whole or not at all.
-
-`FORMATS` is the one table of formats, for the help, the site and the output of `retarget export`.
-"""
+"""Export of a motion to another program. `FORMATS` is the one table of formats, for the help, the site and `retarget
+export`."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -165,8 +163,7 @@ def export_place(
 ) -> Path:
     """Path of an export: `out`, or beside the run with its name. inputs: other files that are read.
 
-    Raises UsageError for an invalid path, the suffix of another format, and a place that is or holds a file that is
-    read.
+    Raises UsageError for an invalid path, the suffix of another format, and a place that is or holds an input.
     """
     place = run.with_name(f"{run.stem}{'_human' if of_human else ''}{form.ending}") if out is None else out
     check_path(place, option="--out")

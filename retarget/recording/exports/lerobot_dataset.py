@@ -1,8 +1,5 @@
-"""A LeRobot dataset, format v3.0: episodes of one task in a folder, without videos.
-
-`meta/info.json`, `meta/stats.json`, `meta/tasks.parquet`, `meta/episodes/chunk-000/file-000.parquet`,
-`data/chunk-000/file-000.parquet`, and a README with units and frames, for which the format has no place.
-"""
+"""A LeRobot dataset, format v3.0: episodes of one task in a folder, without videos. A README has units and frames, for
+which the format has no place."""
 
 import io
 import json
@@ -20,10 +17,8 @@ from retarget.recording.motion import CONVENTIONS, Motion
 
 @dataclass(frozen=True, eq=False)
 class Feature:
-    """One column of a dataset. values (T, d); a `vector` is stored as a list of d, others as one number.
-
-    dtype: LeRobot's name. names: of the d values, or None.
-    """
+    """One column of a dataset. values (T, d); a `vector` is stored as a list of d, others as one number. dtype:
+    LeRobot's name. names: of the d values."""
 
     key: str
     dtype: str

@@ -1,7 +1,7 @@
-"""Motions of a robot from any program, in a layout of `FORMATS` or as a recorded run.
+"""Motions of a robot from any program, in a layout of `FORMATS` or as a recorded run. Nothing is unpickled.
 
 Order of quaternions, place of the root and units are those of that table. Joints have the names in the file, else the
-order of the table. Nothing is unpickled.
+order of the table.
 """
 
 import csv
@@ -16,11 +16,12 @@ from retarget.model.body import BodyModel, JointType, load_body
 from retarget.model.robot import RobotBody
 from retarget.recording.exports.formats import FORMATS
 from retarget.recording.exports.tables import ROOT_COLUMNS, TIME_COLUMN
-from retarget.recording.exports.trainers import BONES_ROOT, XYZW, breadth_first
+from retarget.recording.exports.trainers import BONES_ROOT, breadth_first
 from retarget.recording.motion import CM, MAX_FPS, Motion, followed, links_of, posture, unit_quaternions
 from retarget.recording.npz import MAX_BYTES, refuse_no_file
 from retarget.recording.read_run import ROBOT_KEYS, read_run
 from retarget.recording.reading import MAGIC
+from retarget.recording.topics import XYZW
 from retarget.rotations import from_euler, rotate
 from retarget.run.record import Phase
 from retarget.schema.arrays import ArrayFile, open_arrays
@@ -78,8 +79,8 @@ def read_motion(
     """The layout of a file, in a word, and its motion of a robot, on a tree with a free root; of a run only the
     following.
 
-    fps: rows per second, for a layout without them. quaternion: "xyzw" or "wxyz", if the file differs from its layout.
-    Raises InputError.
+    fps: rows per second, for a layout without them. quaternion: "xyzw" or "wxyz", against its layout. Raises
+    InputError.
     """
     refuse_no_file(path)
     begins = _head(path)
@@ -299,8 +300,8 @@ def _refuse_units(where: str, names: tuple[str, ...], joints: FloatArray, root: 
 
 
 def _as_links(given: _FileMotion, motion: Motion) -> Motion:
-    """The motion with its joints in the order, of the body file or breadth first, that puts the links where the file
-    has them. Raises InputError if neither does."""
+    """The motion with its joints in the order that puts the links where the file has them. Raises InputError if none
+    does."""
     assert given.links is not None, "the file has links"
     body = motion.body
     of_links, of_joints = breadth_first(body)

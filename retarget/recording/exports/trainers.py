@@ -7,18 +7,16 @@ central differences, and signs of quaternions are continuous.
 import io
 import pickle
 from collections import deque
-from typing import IO, Any, Final
+from typing import IO, Any
 
 import numpy as np
 
 from retarget.model.body import BodyModel
 from retarget.recording.motion import CM, Motion, angular_velocity, links_of, rate_of_change, sign_aligned
 from retarget.recording.npz import Arrays
+from retarget.recording.topics import XYZW
 from retarget.rotations import conjugate, rotate, to_euler
 from retarget.types import FloatArray
-
-XYZW: Final = [1, 2, 3, 0]
-"""Columns of a quaternion wxyz in the order xyzw."""
 
 
 def _fps(motion: Motion) -> int | float:
