@@ -13,6 +13,7 @@ from emulated import StubDevice
 from hardware.clock import VirtualClock
 from hardware.dynamixel.codec import (
     BROADCAST,
+    CODECS,
     Instruction,
     protocol1,
     protocol2,
@@ -178,13 +179,11 @@ def test_cycle_times_are_those_of_the_table(
 
 # Replies of devices: addresses, order, gaps, fast replies, two devices of one id, damaged instructions.
 
-PROTOCOLS = {2: protocol2, 1: protocol1}
-
 
 def _said(
     data: bytes, devices: Sequence[StubDevice], gaps: Gaps = Gaps.SILENCE, silent: tuple[int, ...] = (), seed: int = 0
 ) -> list[Reply]:
-    (frame,) = PROTOCOLS[devices[0].protocol].parser().feed(data)
+    (frame,) = CODECS[devices[0].protocol].parser().feed(data)
     return Conversation(conduct=Conduct(gaps=gaps), noise=random.Random(seed)).answers(
         frame, devices, 1.0, silent=silent
     )
@@ -254,7 +253,7 @@ WORDS = st.integers(0, 0xFFFF)
 
 
 def _params(data: bytes, protocol: int = 2) -> tuple[int, bytes]:
-    (frame,) = PROTOCOLS[protocol].parser().feed(data)
+    (frame,) = CODECS[protocol].parser().feed(data)
     return frame.code, frame.params
 
 
