@@ -1,4 +1,4 @@
-"""The commands as typer knows them, and what they share: the table of options, session files, questions, tables."""
+"""The commands as typer commands: the table of options, session files, messages, questions, tables, progress."""
 
 import importlib
 import inspect
@@ -50,8 +50,8 @@ HELP_ALL = "--help-all"
 
 
 def application(chosen: Sequence[str], *, all_options: bool = False) -> typer.Typer:
-    """The application in which only the command of the words `chosen` is imported (a group's: the group and its
-    command). The others lend their name and line to the help. all_options: the help lists every option."""
+    """The application, in which only the command that the words `chosen` name is imported. all_options: its help lists
+    every option."""
     known = _commands("retarget.cli", chosen, epilog=EPILOG, all_options=all_options)
     known.callback(invoke_without_command=True)(_options)
     return known
@@ -106,7 +106,7 @@ class _Command(TyperCommand):
     USUAL_OPTIONS: Sequence[str] = ()
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the words. Raises UsageError where an option takes another one for its value."""
+        """Read the words. Raises UsageError for an option as the value of another."""
         take = {name for one in self.get_params(ctx) if not getattr(one, "is_flag", True) for name in one.opts}
         for word, after in pairwise(args[: args.index("--")] if "--" in args else args):
             if word in take and re.match("--[a-z]", after):
@@ -193,7 +193,7 @@ USUAL_VALUES = {"--realtime": str(USUAL_PRIORITY), "--control-socket": USUAL, "-
 
 
 def with_values(words: Sequence[str]) -> list[str]:
-    """The words of a command line, with the usual value behind each option of USUAL_VALUES that stands alone."""
+    """Insert the value behind each option of USUAL_VALUES that stands alone."""
     found: list[str] = []
     for word, after in pairwise((*words, "-")):
         found.append(word)
@@ -223,8 +223,8 @@ def refuse_repeated(words: Sequence[str]) -> None:
         raise UsageError("several formats", where=option, allowed="one", next_step=step)
 
 
-# The table of options. An option is declared once: its type and default are those of a parameter of the command or of a
-# field of a dataclass, and its help is a line of the docstring there:
+# The table of options. Type and default of an option are those of a parameter of its command or of a field of a
+# dataclass. Its help is a line of the docstring there:
 #
 #     Options:
 #         robot NAME|PATH: Robot by name or path.
@@ -344,7 +344,6 @@ def _typed(kind: Any) -> Any:
 
 
 def _built(holder: Callable[..., Any], values: Mapping[str, Any]) -> Any:
-    """Call a function or dataclass with the values of its options."""
     arguments = {}
     for name, parameter in inspect.signature(holder).parameters.items():
         kind = parameter.annotation
@@ -396,8 +395,7 @@ def session_options(session: str | Path, command: Callable[..., Any]) -> dict[st
 
 
 def _from_folder(document: "Document", key: str, text: str) -> str:
-    """A path of a session file, counted from that file's folder; names and addresses stay. Raises ConfigError for a
-    file that is not there."""
+    """A path of a session file, counted from its folder; names and addresses stay. Raises ConfigError for no file."""
     replayed = text.startswith(REPLAY)
     place, question, query = text.removeprefix(REPLAY).partition("?") if replayed else (text, "", "")
     is_name = key not in ("skeleton", "faults") and Path(place).name == place and not Path(place).suffix
@@ -418,7 +416,7 @@ def _from_folder(document: "Document", key: str, text: str) -> str:
 
 
 def _kind_of(kind: Any, option: str) -> Any:
-    """The type of an option's value in a file. `true` means the usual value of an option that may stand alone."""
+    """The type of a value in a session file. `true` means the usual value of an option that may stand alone."""
     from pydantic import BeforeValidator
 
     from retarget.schema.strict_models import Integer, Number, Switch, Text, one_or_more
@@ -433,7 +431,6 @@ def _kind_of(kind: Any, option: str) -> Any:
 
 
 def _read_session(context: typer.Context, session: str | None) -> str | None:
-    """Take the values of a session file for the options that are not typed."""
     if session is not None:
         command = context.command.callback
         assert command is not None
@@ -510,8 +507,7 @@ def note(text: str) -> None:
 
 
 def console(*, err: bool = False) -> "Console":
-    """Make the console of tables and progress, on stdout or stderr. In a pipe it wraps no line. Control codes in the
-    printed texts are spelled out, as by `echo`."""
+    """Make the console of tables and progress. It wraps no line in a pipe, and spells out control codes as `echo`."""
     from rich.console import Console, ConsoleOptions, RenderableType
     from rich.segment import Segment
 
@@ -568,7 +564,7 @@ def answered(question: str, *, where: str = "", step: str = "Run it in a termina
 
 @contextmanager
 def progress_bar(what: str, total: int | None) -> Iterator[Callable[[int], None]]:
-    """Show a bar on a terminal (stderr). Yields a function that takes the amount done of `total` (None: not known)."""
+    """Show a bar on a terminal. Yields a function that takes the amount done of `total` (None: not known)."""
     if not sys.stderr.isatty():
         yield lambda done: None
         return

@@ -191,7 +191,6 @@ def _duration(seconds: float) -> str:
 
 
 def _summary(tally: BatchTally, index: BatchIndex) -> Iterator[str]:
-    """Yield the lines of the summary."""
     parts = [f"{tally.counts[status]} {status}" for status in ClipStatus if tally.counts[status]]
     if tally.done_before:
         parts.append(f"{tally.done_before} done before")

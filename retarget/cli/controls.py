@@ -1,6 +1,6 @@
-"""Controls by which the operator stops or holds a live run: keys, a dead-man control, a stop file, the control socket.
+"""Controls of a live run: keys, a dead-man control, a stop file, the control socket.
 
-A `Control` only yields requests. `RunOperator` carries them out, once in every tick.
+A `Control` only yields requests. `RunOperator` carries them out in every tick.
 """
 
 import errno
@@ -60,8 +60,7 @@ NEEDED = 4
 
 
 class HeldKey:
-    """A key that is held from its fourth repeat (usually after 0.5 s) to 0.15 s after its last. Another key ends the
-    hold. label: name of the key, for the operator."""
+    """A key of the terminal. Another key ends its hold. label: name of the key, for the operator."""
 
     def __init__(self, key: str) -> None:
         self.key = key
@@ -106,8 +105,7 @@ INPUT_MODES = 0
 
 
 class Keyboard:
-    """The keyboard of a terminal, with the keys of HELP, of the dead-man control and of a stick. Ctrl-C stays a signal;
-    Ctrl-S does not stop the output."""
+    """The keyboard of a terminal: the keys of HELP, of the dead-man control and of a stick. Ctrl-C stays a signal."""
 
     def __init__(
         self, fd: int | None = None, *, dead_man: HeldKey | None = None, stick: KeyStick | None = None
@@ -202,11 +200,7 @@ ALLOWED = "a letter or digit key of the terminal but p and h, or pedal:/dev/inpu
 
 
 def open_dead_man(text: str, *, terminal: bool) -> HeldKey | Pedal:
-    """Open the key or device of `--dead-man`. terminal: there is one for keys.
-
-    Raises UsageError: neither a key nor a device, or a key without a terminal. HardwareError: no such device, or no
-    permission.
-    """
+    """Open the key or device of `--dead-man`. terminal: there is one for keys. Raises UsageError or HardwareError."""
     if text.startswith(PEDAL):
         path, _, code = text.removeprefix(PEDAL).partition("#")
         if code and not (code.isascii() and code.isdigit()):
@@ -234,10 +228,8 @@ STICK_KEYS, GAMEPAD = "keys", "gamepad:"
 
 
 def open_stick(text: str, *, terminal: bool, notify: Callable[[str], object]) -> KeyStick | Gamepad:
-    """Open the stick of `--stick`. terminal: there is one for keys. notify: receives that the device is lost.
-
-    Raises UsageError: no stick, or keys without a terminal. HardwareError: no such device, or no permission.
-    """
+    """Open the stick of `--stick`. terminal: there is one for keys. notify: receives that the device is lost. Raises
+    UsageError or HardwareError."""
     if text.startswith(GAMEPAD):
         return Gamepad(text.removeprefix(GAMEPAD), notify=notify)
     if text != STICK_KEYS:
@@ -309,8 +301,7 @@ STANDS = "error: the robot stands already, with torque: hold it, then send torqu
 
 
 class ControlSocket:
-    """The listener, by which other programs stop or hold the run but cannot make it move. Only its owner may connect.
-    Its memory is bounded."""
+    """The listener, by which other programs of its owner stop or hold the run, but cannot make it move."""
 
     def __init__(self, path: Path, *, status: Callable[[], LiveStatus], goes_on: str = GOES_ON) -> None:
         """goes_on: how a hold ends, in words. Raises UsageError for a path that is in use, is no socket, or has no
@@ -370,7 +361,6 @@ class ControlSocket:
             self._clients[client] = b""
 
     def _received(self, client: socket.socket) -> list[str]:
-        """The words of the lines that have come, also of a client that has left."""
         try:
             data = client.recv(MAX_LINE * MOST_LINES)
         except BlockingIOError:
@@ -397,7 +387,7 @@ class ControlSocket:
 
 
 def _clear(path: Path) -> None:
-    """Remove the file of a socket on which no process listens. Raises UsageError for any other."""
+    """Remove the file of a socket without a listener. Raises UsageError for any other."""
     try:
         mode = path.lstat().st_mode
     except OSError:

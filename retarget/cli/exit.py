@@ -110,7 +110,6 @@ class Screen(io.TextIOBase):
 
 
 def _descriptor(stream: TextIO) -> int | None:
-    """The descriptor of a stream, flushed; None where it has no file."""
     with suppress(OSError, ValueError):
         stream.flush()
         return stream.fileno()
@@ -162,7 +161,7 @@ def echo(text: str = "", *, err: bool = False, end: str = "\n", file: TextIO | N
 # The second press of a key. The repeats of a held key do not count.
 
 AFTER_S = 1.2
-"""Least time, s, between two presses. Keyboards repeat a held key after up to 1 s."""
+"""Least time, s, between two presses: keyboards repeat a held key after up to 1 s."""
 PAUSE_S = 0.2
 """Least pause, s, before the second press. Slow keyboards repeat every 0.09 s."""
 
@@ -248,8 +247,9 @@ class StopRequest:
 
 @contextmanager
 def all_as_ctrl_c() -> Iterator[None]:
-    """SIGTERM, SIGHUP and SIGQUIT raise KeyboardInterrupt as SIGINT does, unless they are handled or ignored already
-    (but see `FOREGROUND`). Only the main thread may set handlers.
+    """SIGTERM, SIGHUP and SIGQUIT raise KeyboardInterrupt as SIGINT does, unless they are handled or ignored already.
+
+    Only the main thread may set handlers.
     """
     mine, free = threading.current_thread() is threading.main_thread(), (signal.SIG_DFL, signal.SIG_IGN)
     unhandled = [n for n in REASONS if mine and signal.getsignal(n) in free and not _kept_ignored(n)]
@@ -267,8 +267,8 @@ def interruptible() -> Iterator[None]:
 
 @contextmanager
 def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Iterator[StopRequest]:
-    """SIGINT, SIGTERM, SIGHUP and SIGQUIT request a stop, and so does Ctrl-Z if a robot `moves`. SIGINT after another
-    signal, or a second Ctrl-C (see `ForcedStopKey`), forces torque off. No signal raises. Ignored signals stay so.
+    """Signals of REASONS request a stop, and so does Ctrl-Z if a robot `moves`. SIGINT after another signal, or a
+    second Ctrl-C (see `ForcedStopKey`), forces torque off. No signal raises.
     """
     request, key, time = StopRequest(), ForcedStopKey(), clock or MonotonicClock()
     others: set[int] = set()  # signals before, but SIGINT
@@ -333,7 +333,6 @@ CODES = {TorqueError: STOPPED, RetargetError: REFUSED}
 
 
 def _code_of_error(error: BaseException) -> int:
-    """Print an error and return its exit code."""
     # An import that Ctrl-C interrupts may raise 'initialization failed'.
     if not isinstance(error, TorqueError) and any(isinstance(one, KeyboardInterrupt) for one in _causes(error)):
         return INTERRUPTED
@@ -354,7 +353,6 @@ NO_MEMORY = re.compile("cannot allocate memory|failed to map segment|can't start
 
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    """An error and its causes."""
     while error is not None:
         yield error
         error = error.__cause__ or error.__context__
@@ -374,7 +372,7 @@ LEAST_MEMORY = 700_000_000
 
 
 def memory_message() -> str:
-    """The message for too little memory."""
+    """The message about too little memory."""
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     found = "the system gave no more" if limit == resource.RLIM_INFINITY else f"a limit of {limit / 1e6:.0f} MB"
     step = "Close other programs, or give the process more (ulimit -v unlimited)"

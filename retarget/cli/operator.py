@@ -261,7 +261,7 @@ TORQUE_WORDS = {
 
 class Announcer(RunObserver):
     """Notifies the operator while a robot stops: of the reason and the next step, of a stop key that was pressed too
-    soon, and of a robot that may topple and must be held. Every `REMINDER_S` s it tells how to switch torque off.
+    soon, and of a robot that may topple and must be held. Every `REMINDER_S` s it reminds of torque.
     """
 
     def __init__(self, machine: Machine, stop: StopRequest, *, may_topple: bool = False, notify: Notify) -> None:

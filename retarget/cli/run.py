@@ -95,8 +95,8 @@ ANY_TIME = Scheduling()
 
 
 class CommandRun:
-    """Options, clock, bus and recorder of one run. A run of a `recorded` performer on simulated servos is on virtual
-    time, or in real time where a page shows it."""
+    """Options, clock, bus and recorder of one run. A run of a `recorded` performer on simulated servos is on
+    virtual time, unless a page shows it."""
 
     def __init__(self, options: RunOptions, outputs: Outputs, *, recorded: bool) -> None:
         """Raises UsageError for a place where nothing can be recorded."""
@@ -123,7 +123,7 @@ class CommandRun:
     def prepared(
         self, perform: Perform, supervisor: Supervisor | None = None, *, robot: RobotBody | None = None
     ) -> AbstractContextManager[Prepared]:
-        """The run that can start, with its bus open. robot: see `prepare_for`."""
+        """The run, ready to start, with its bus open. robot: see `prepare_for`."""
         return prepare_for(
             perform,
             self.options,
@@ -197,7 +197,7 @@ class CommandRun:
         else:
             if operator.poll(machine.supervisor.state).stop is not None:  # torque is not on yet
                 raise KeyboardInterrupt
-            # A run on virtual time has its report at once, so nobody needs the notice.
+            # A run on virtual time has its report at once, and needs no notice.
             if machine.robot.stands and recorded.parts == "whole" and type(self.clock) is not VirtualClock:
                 size, dt = recorded.human.dimensions, samples.motion_dt
                 observing.append(RowObserver(UnfollowedNotice(size, dt=dt, notify=self.notify)))
@@ -240,8 +240,8 @@ def follow_clip(
 
 
 def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None) -> int:
-    """Write the files of a run, show its summary, and return the exit code. A run that the operator stopped is measured
-    in part if no file needs more, so that the command ends soon."""
+    """Write the files of a run, show its summary, and return the exit code. A run that was stopped on request is only
+    measured in part where no file needs more."""
     soon = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
     try:
         report = measure_latest(run) if soon else measure(run)
@@ -265,7 +265,7 @@ def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None) ->
 
 @contextmanager
 def _watched(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show the progress of a file on a terminal. Any signal that ends a command interrupts it."""
+    """Show the progress of a file, which any signal interrupts."""
     with interruptible(), progress_bar(what, total) as show:
         yield show
 
@@ -352,8 +352,7 @@ class StreamOptions:
     oversight: Oversight = field(default_factory=Oversight)
 
     def begins(self, source: str, playback: Playback, stature: float | None) -> LiveOptions:
-        """The options of the beginning, with the usual values of this source. stature: m, of the performer, or None.
-        Raises UsageError for options that a live performer does not have, or that exclude each other."""
+        """The options of the beginning of a live run. stature: m, of the performer, or None. Raises UsageError."""
         if playback.speed != 1.0 or playback.loop:
             raise UsageError(
                 "a live performer moves in real time",
@@ -446,7 +445,12 @@ def follow_live(
         times = {} if run.control is None else run.control.times()
         stream_report = performer.report(address=address.text, person=begins.person, times=times)
         result = replace(run.bench.seen(result), live=stream_report)
-        return max(run.recorder.code(finished(result, outputs, run.lines)), _followed(result, notify))
+        code = run.recorder.code(finished(result, outputs, run.lines))
+        if result.ticks_followed > 1:  # the approach ends at the first sample
+            return code
+        if result.reason is None:
+            notify("no tick followed the performer: the stream was over before following began")
+        return max(code, STOPPED)
 
 
 AGAIN_S = 5.0
@@ -516,15 +520,6 @@ def _performing(
         )
 
     return perform
-
-
-def _followed(run: RunResult, notify: Notify) -> int:
-    """The exit code of a run: STOPPED if the performer was never followed."""
-    if run.ticks_followed > 1:  # the approach ends at the first sample
-        return DONE
-    if run.reason is None:
-        notify("no tick followed the performer: the stream was over before following began")
-    return STOPPED
 
 
 def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, overwrite: bool) -> RawTap | None:

@@ -65,7 +65,7 @@ def _few(names: Sequence[str]) -> str:
 
 
 def _number(value: object) -> float:
-    """A number, or that of an array or tensor of one element; else NaN."""
+    """The value of a number, or of an array or tensor of one element; else NaN."""
     if isinstance(value, bool | str | bytes):
         return np.nan
     try:

@@ -83,7 +83,7 @@ class BackgroundRun(RunObserver):
         clock: Clock,
         notify: Notify,
     ) -> None:
-        """prepared: the run that can start, with its bus open; entered and left in the thread."""
+        """prepared: the run, with its bus open; entered and left in the thread."""
         self._prepared, self._operator, self._begins = prepared, operator, begins
         self._clock, self._notify = clock, notify
         self._reading: Reading | None = None
@@ -188,7 +188,6 @@ class BackgroundRun(RunObserver):
             self._notify_safely(f"stopped: {ending.reason}")
 
     def _read(self, machine: Machine) -> ServoStates:
-        """Read servos that have no torque."""
         states = machine.guard.read()
         present = machine.robot.joint_map.to_radians(states.position)
         self._reading = Reading(present, present, self._clock.now())

@@ -1,7 +1,4 @@
-"""The teleoperator of LeRobot: a performer from any source gives the goals of a robot.
-
-It is a run on a bus without servos, in a thread of its own, so a recorded `action` has passed the gate of the robot.
-"""
+"""The teleoperator of LeRobot: a run without servos, in a thread of its own, whose gated goals are the actions."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -41,14 +38,12 @@ class PerformerWiring:
 class PerformerDevice:
     """A performer who gives joint goals: `connect`, then `action` at any rate, and `disconnect`.
 
-    `connect` waits until the performer is measured. From the first `action` the goal is the stance of the robot for
-    `delay_s`, in which a real robot gets there; then it follows the performer. After a file its last goal stays. A
-    performer who is lost for 5 s is an error.
+    From the first `action` the goal is the stance of the robot for `delay_s`, in which a real robot gets there; then it
+    follows the performer. After a file its last goal stays. A performer who is lost for 5 s is an error.
     """
 
     def __init__(self, options: RunOptions, wiring: PerformerWiring, *, delay_s: float) -> None:
-        """options: robot, performer and playback. Raises RetargetError for a robot that cannot be loaded, UsageError
-        for a delay out of range."""
+        """Raises RetargetError for a robot that cannot be loaded, UsageError for a delay out of range."""
         if not (isfinite(delay_s) and 0.0 <= delay_s <= LONGEST_DELAY_S):
             allowed = f"0 to {LONGEST_DELAY_S:g} s"
             raise UsageError("impossible delay", where="delay_s", found=f"{delay_s:g}", allowed=allowed)

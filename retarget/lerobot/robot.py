@@ -70,7 +70,7 @@ class HumanoidDevice:
     """
 
     def __init__(self, options: RunOptions, wiring: Wiring, *, stale_ms: float = STALE_MS) -> None:
-        """options: robot, bus and end. Raises RetargetError for a robot that cannot be loaded."""
+        """Raises RetargetError for a robot that cannot be loaded."""
         self._options, self._wiring, self._stale_ms = options, wiring, stale_ms
         self._clock: Clock = MonotonicClock()
         self.robot = load_robot(options.robot, root=options.root)

@@ -1,4 +1,4 @@
-"""Which serial port is the adapter's: that of the profile, or the one that goes when the adapter is unplugged."""
+"""Find the serial port of the adapter: that of the profile, or the one that vanishes when it is unplugged."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ TERMINAL = "Run it in a terminal; --port emulator shows it without servos"
 
 def port_of_bus(bus: BusSpec, *, yes: bool) -> str:
     """The port of a bus: that of the profile if it exists and the operator (or `yes`) agrees, else found by unplugging
-    the adapter. Raises BusError where it does not exist and no question may be asked."""
+    the adapter. Raises BusError if it does not exist and `yes`."""
     if not Path(bus.port).exists():
         if yes:
             raise no_such_port(bus.port)
@@ -26,10 +26,8 @@ def port_of_bus(bus: BusSpec, *, yes: bool) -> str:
 
 
 def unplugged_port() -> str:
-    """The port of the adapter that the operator unplugs and plugs in again, by the name that stays the same.
-
-    Each round is a question, so it ends with an answer, with Ctrl-C, or with the input (UsageError).
-    """
+    """The stable name of the port of the adapter that the operator unplugs and plugs in again. Raises UsageError at
+    the end of the input."""
     while True:
         before = existing_ports()
         echo(f"ports: {ports_text(before)}")

@@ -1,5 +1,4 @@
-"""`retarget servo home`: the operator places the limp robot in a known posture, and the zero of each servo is
-stored."""
+"""`retarget servo home`: store the zero of each servo of a limp robot in a known posture."""
 
 from collections.abc import Callable
 from contextlib import closing
@@ -35,14 +34,11 @@ from retarget.schema.servo_calibration import (
 from retarget.setup.homing import FAR, Homing, calibration_of, home_each, homed_columns
 from retarget.setup.homing import home as home_servos
 
-# The file of a homed robot's zeros: its own calibration, a named file, or none.
-
 
 @dataclass(frozen=True)
 class HomedFile:
-    """path: None: nothing is kept. own: the calibration that every later run reads. real: whether the servos are real.
-
-    looks: the port that looks like an emulator's, in words; empty where none does.
+    """The file of the zeros. path: None: nothing is kept. own: it is the calibration that later runs read. real: the
+    servos are real. looks: a port that looks like an emulator's, in words, or "".
     """
 
     path: Path | None
@@ -54,9 +50,9 @@ class HomedFile:
     def of(
         cls, profile: RobotProfile, options: RunOptions, out: Path | None, *, overwrite: bool = False
     ) -> "HomedFile":
-        """overwrite: a file that was named and is there may be replaced; the robot's own calibration always may, as the
-        one before is kept beside it. Raises UsageError for a file that cannot be written or is there, and for emulated
-        servos as the robot's calibration."""
+        """overwrite: a named file may be replaced. The robot's own calibration always may, because the previous one is
+        kept. Raises UsageError for a file that cannot be written or is there, and for simulated servos as the robot's
+        own calibration."""
         check_bus(options.bus)
         if options.bus == "none":
             allowed = "profile, a port, emulator, mock"
@@ -69,7 +65,11 @@ class HomedFile:
                 refuse_existing(out, option="--out")
         if not options.simulated:
             ports = [bus.port for bus in profile.bus_specs()] if options.bus == "profile" else [options.bus]
-            looks = "; ".join(filter(None, map(_pseudo_terminal, ports)))
+            looks = "; ".join(
+                f"{port} leads to a pseudo-terminal ({Path(port).resolve()}) and looks like an emulator"
+                for port in ports
+                if is_pseudo_terminal(port)
+            )
             return cls(usual if own else out, own, True, looks)
         if out is not None and own:
             raise UsageError(
@@ -80,30 +80,8 @@ class HomedFile:
             )
         return cls(out, False, False)
 
-    @property
-    def notice(self) -> str:
-        """The notice before anything is opened; empty in the usual case."""
-        if self.real:
-            return "" if self.own else f"What is found is written to {self.path} alone."
-        kept = "nothing is kept; --out FILE keeps it in a file" if self.path is None else f"only {self.path} is written"
-        return f"These servos are simulated: all steps run, and {kept}."
-
-    @property
-    def doubts(self) -> list[str]:
-        """Questions before the bus is opened."""
-        if not self.looks or not self.own:
-            return []
-        return [f"{self.looks}. What an emulator says is no calibration of the real robot. Go on all the same?"]
-
-    @property
-    def promise(self) -> str:
-        """The last line of a dry run."""
-        if self.path is None:
-            return "and keep nothing, because these servos are simulated; --out FILE keeps it in a file"
-        return f"and, after a question, write {self.path}"
-
     def write(self, calibration: ServoCalibration, agree: Callable[[str], bool]) -> None:
-        """Write the file if the operator agrees, and print the result. Raises UsageError."""
+        """Write the file if the operator agrees. Raises UsageError."""
         if self.path is None:
             echo("nothing was kept: these servos are simulated; --out FILE keeps it in a file")
             return
@@ -116,13 +94,6 @@ class HomedFile:
         echo(f"calibration: {write_calibration(calibration, None if self.own else self.path)}")
         if there and self.own:
             echo(f"the one before: {previous_path(self.path)}")
-
-
-def _pseudo_terminal(port: str) -> str:
-    """A description of a port that looks like an emulator's; empty for any other."""
-    if not is_pseudo_terminal(port):
-        return ""
-    return f"{port} leads to a pseudo-terminal ({Path(port).resolve()}) and looks like an emulator"
 
 
 POSES = tuple(Postures.model_fields)
@@ -143,11 +114,11 @@ def home(
     still.
 
     Opening the bus switches the servos' power on where a device does that, and brings servos without torque to the
-    profile's settings. What is read is shown, and written only when you agree; the last calibration is kept beside it.
+    profile's settings. The zeros are shown, and written only when you agree; the last calibration is kept beside them.
     Emulated and mock servos stand in that posture already; of them nothing is kept, unless --out names a file.
 
-    Who cannot hold the whole robot homes it with --each, joint after joint: the others may hang. It can be ended after
-    any joint, and gone on with by --joints.
+    If you cannot hold the whole robot, home it with --each, joint after joint: the others may hang. It can be ended
+    after any joint, and gone on with by --joints.
 
     Options:
         bus (--bus, --port) profile|PORT|emulator|mock: Ports of the profile, one port, an emulator, or module:Class.
@@ -166,10 +137,10 @@ def home(
     options = RunOptions(robot=robot, bus=bus)
     file = HomedFile.of(body.profile, options, out, overwrite=overwrite)
     if dry_run:
-        _say_all(body, posture, chosen, options, file, pose)
+        _print_plan(body, posture, chosen, options, file, pose)
         return
-    lead = partial(home_each, choose=_choose, force=force) if each else partial(home_servos, name=pose)
-    homing = _homed(body, options, file, pose, partial(lead, joint_map=body.joint_map, posture=posture, chosen=chosen))
+    homed = partial(home_each, choose=_choose, force=force) if each else partial(home_servos, name=pose)
+    homing = _homed(body, options, file, pose, partial(homed, joint_map=body.joint_map, posture=posture, chosen=chosen))
     if homing is None:
         echo("nothing was written")
         return
@@ -185,18 +156,24 @@ def home(
 
 
 def _homed(
-    body: RobotBody, options: RunOptions, file: HomedFile, pose: str, lead: Callable[..., Homing | None]
+    body: RobotBody, options: RunOptions, file: HomedFile, pose: str, homed: Callable[..., Homing | None]
 ) -> Homing | None:
-    """Open the bus if the operator agrees, and home its servos by `lead`; None: the operator did not agree."""
-    if file.notice:
-        echo(file.notice)
+    """Open the bus if the operator agrees, and home its servos by `homed`; else None."""
+    doubts: list[str] = []
+    if not file.real:
+        kept = "nothing is kept; --out FILE keeps it in a file" if file.path is None else f"only {file.path} is written"
+        echo(f"These servos are simulated: all steps run, and {kept}.")
+    elif not file.own:
+        echo(f"What is found is written to {file.path} alone.")
+    elif file.looks:
+        doubts = [f"{file.looks}. What an emulator says is no calibration of the real robot. Go on all the same?"]
     opening = [] if options.simulated else [f"The bus is opened: {_opening(body, options.bus)}. Go on?"]
-    if not all(_agree(question, False) for question in [*file.doubts, *opening]):
+    if not all(_agree(question, False) for question in [*doubts, *opening]):
         return None
     clock = VirtualClock() if options.simulated else MonotonicClock()
     with closing(make_bus(options.bus, body, clock, posture=pose)) as servos:
         servos.open()
-        return lead(servos, ask=_agree, notify=typer.echo, clock=clock)
+        return homed(servos, ask=_agree, notify=typer.echo, clock=clock)
 
 
 def _agree(question: str, enter: bool) -> bool:
@@ -211,7 +188,7 @@ def _choose(question: str) -> str:
             return word
 
 
-def _say_all(
+def _print_plan(
     body: RobotBody, posture: FloatArray, chosen: BoolArray, options: RunOptions, file: HomedFile, pose: str
 ) -> None:
     """Print what would be done."""
@@ -220,11 +197,12 @@ def _say_all(
     echo(f"would open the bus {options.bus!r}: {_opening(body, options.bus)};")
     echo(f"then, after a question each, switch torque off on all {len(chosen)} servos,")
     echo(f"read {int(chosen.sum())} of them in the posture {pose!r}: {angles},")
-    echo(file.promise)
+    kept = "keep nothing, because these servos are simulated; --out FILE keeps it in a file"
+    echo(f"and {kept}" if file.path is None else f"and, after a question, write {file.path}")
 
 
 def _opening(body: RobotBody, bus: str) -> str:
-    """The effects of opening the bus of a robot on its servos, in words."""
+    """Effects of opening the bus on its servos, in words."""
     if is_own(bus):
         return f"{bus} does it"
     buses = body.profile.bus_specs()

@@ -44,7 +44,7 @@ def monitor(
     """
     if not 1.0 <= rate <= 500.0:
         raise UsageError("an impossible rate", where="--rate", found=f"{rate:g}", allowed="1 to 500 Hz")
-    wanted = ids_of(ids)
+    selected = ids_of(ids)
     screen = console()
     once = once or not screen.is_terminal
     clock: Clock = VirtualClock() if once and where.port == EMULATOR else MonotonicClock()
@@ -53,7 +53,7 @@ def monitor(
         echo(f"would read all servos of {', '.join(one.where for one in places)}; nothing is written")
         return
     with opened(places):
-        lines = [one.line for one in look_at(places, only, ids=wanted) if one.line.servos]
+        lines = [one.line for one in look_at(places, only, ids=selected) if one.line.servos]
         placed = {line.index_of[device]: servo for line in lines for device, servo in line.servos.items()}
         servos = [placed[index] for index in sorted(placed)]
         imu = imu_of(where, lines, clock)
@@ -79,9 +79,9 @@ def monitor(
 
 
 def shown(servos: list[ServoSpec], states: ServoStates, watch: BusWatch, rate: float) -> Group:
-    """Make the table of all servos, and a line about the cycles."""
+    """The table of all servos, and a line about the cycles."""
     table = Table(box=None, pad_edge=False)
-    # On a narrow terminal numbers give way: names that are cut look alike, and so do "on" and "off".
+    # A narrow terminal cuts numbers, but not names.
     whole = {"joint": max((len(servo.joint) for servo in servos), default=0), "torque": len("torque")}
     for heading in ("joint", "id", "ticks", "deg", "A", "C", "V", "torque", "age, s", "lost", "errors"):
         justify: Literal["left", "right"] = "left" if heading in ("joint", "errors") else "right"
@@ -109,7 +109,7 @@ def shown(servos: list[ServoSpec], states: ServoStates, watch: BusWatch, rate: f
 
 
 def imu_line(imu: ImuSample) -> str:
-    """What the IMU says, in words."""
+    """The reading of the IMU, in words."""
     if not math.isfinite(imu.age):
         return "IMU: no answer"
     roll, pitch = map(math.degrees, imu.tilt)

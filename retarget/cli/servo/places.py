@@ -1,4 +1,4 @@
-"""Ports and servos of the `servo` commands: those of a robot, of one port, or emulated; a look at them; a question."""
+"""Ports and servos of the `servo` commands: of a robot, of one port, or emulated."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -40,16 +40,16 @@ from sim.imu import ImuStandIn
 
 EMULATOR = "emulator"
 EMULATED_ROBOT = "op3"
-"""Whose servos are emulated when no robot is named."""
+"""Emulated robot of the commands without --robot."""
 
 
 @dataclass(frozen=True)
 class Where:
-    """The ports that are meant.
+    """Options that choose ports.
 
     Options:
         port (--port, --bus) PATH|emulator: Serial port; without it those of the profile.
-        faults FILE.yaml: What goes wrong on the emulator.
+        faults FILE.yaml: Faults on the emulator.
     """
 
     robot: str | None = None
@@ -59,7 +59,7 @@ class Where:
 
 @dataclass(frozen=True)
 class Only:
-    """What narrows a search.
+    """Options that narrow a search.
 
     Options:
         baud BAUD: Only this speed, bits per second.
@@ -72,9 +72,9 @@ class Only:
 
 @dataclass(frozen=True, eq=False)
 class ServoPort:
-    """A port, and its bus and servos in the profile, with their places in the robot's order.
+    """A port, with bus, servos and their indices in the robot's order; without a robot neither.
 
-    Without a robot there is neither. connect: connects the emulated servo of a joint alone; None for real ones.
+    connect: connects the emulated servo of a joint alone; None for real ones.
     """
 
     port: BytePort
@@ -84,17 +84,17 @@ class ServoPort:
 
     @property
     def where(self) -> str:
-        """Name of the place in messages."""
+        """Name in messages."""
         return self.port.name if self.spec is None else f"bus {self.spec.name} ({self.port.name})"
 
 
 def find_places(
     where: Where, *, clock: Clock | None = None, bus: str | None = None, as_delivered: bool = False
 ) -> list[ServoPort]:
-    """Ports, none of them open. clock: None: real, and virtual for an emulator. bus: only this one of the robot.
+    """Ports, none of them open. clock: None: virtual for an emulator, else real. bus: only this one of the robot.
     as_delivered: emulated servos are new, and none is connected.
 
-    Raises UsageError where no port is named, and for a port that none of the robot's several buses has.
+    Raises UsageError without a port, and for a port of none of the robot's several buses.
     """
     robot, port, faults = where.robot, where.port, where.faults
     if port != EMULATOR and faults is not None:
@@ -143,7 +143,7 @@ def find_places(
 
 @contextmanager
 def opened(places: Sequence[ServoPort]) -> Iterator[None]:
-    """All ports open, each at its bus's speed; closed afterwards, whatever happens. Raises BusError."""
+    """Open all ports, each at the speed of its bus, and close them afterwards. Raises BusError."""
     try:
         for place in places:
             place.port.open(all_speeds()[0].baud if place.spec is None else place.spec.baud)
@@ -154,8 +154,7 @@ def opened(places: Sequence[ServoPort]) -> Iterator[None]:
 
 
 def chosen_speeds(place: ServoPort, only: Only) -> list[Speed]:
-    """Choose the speeds, baud, at which servos are looked for: all, that of the bus first, narrowed by the options.
-    Raises UsageError."""
+    """Speeds at which servos are looked for, that of the bus first. Raises UsageError."""
     protocol, baud = only.protocol, only.baud
     check_speed(protocol, baud)
     own = None if place.spec is None else Speed(place.spec.protocol, place.spec.baud)
@@ -164,7 +163,7 @@ def chosen_speeds(place: ServoPort, only: Only) -> list[Speed]:
 
 
 def check_speed(protocol: int | None, baud: int | None) -> None:
-    """Raise UsageError for a protocol that there is not, and for a speed that no servo (of it) has."""
+    """Raise UsageError for an unknown protocol, and for a speed that no servo of it has."""
     if protocol is not None and protocol not in PROTOCOLS:
         raise UsageError("no such protocol", where="--protocol", found=protocol, allowed="1, 2")
     possible = PROTOCOLS if protocol is None else (protocol,)
@@ -183,12 +182,12 @@ def emulated_lines(
     return robot_lines(servos, buses, start=start, now=now, plan=plan, powered=True, as_delivered=as_delivered)
 
 
-# Which servo is meant: by its id on a port, or by its joint in a robot's profile, which also gives the bus.
+# One servo: by its id on a port, or by its joint in a profile, which also gives the bus.
 
 
 @dataclass(frozen=True, eq=False)
 class ServoTarget:
-    """One servo. device: its present id; servo, needed: its entry in the profile and its ticks, None without."""
+    """One servo. device: its present id. servo, needed: its profile entry and ticks, or None."""
 
     place: ServoPort
     device: int
@@ -197,9 +196,9 @@ class ServoTarget:
 
 
 def find_target(where: Where, joint: str | None, device: int | None = None) -> ServoTarget:
-    """The servo that is meant; its port is not open. device: its present id, None: that of the profile.
+    """The servo of the options; its port is not open. device: its present id, None: that of the profile.
 
-    Raises UsageError where that names none, or several.
+    Raises UsageError for none or several.
     """
     robot = where.robot
     if robot is None:
@@ -222,8 +221,8 @@ def find_target(where: Where, joint: str | None, device: int | None = None) -> S
 
 
 def all_targets(where: Where, *, yes: bool) -> list[ServoTarget]:
-    """Every servo of a robot, in its order; no port is open. A port that is not named is found with the operator, bus
-    by bus; `yes`: it is that of the profile. Raises RetargetError."""
+    """Every servo of a robot, in its order; no port is open. The operator helps to find a port that is not named,
+    unless `yes`: then it is that of the profile. Raises RetargetError."""
     assert where.robot is not None
     body = load_uncalibrated(where.robot)
     places = {}
@@ -236,7 +235,7 @@ def all_targets(where: Where, *, yes: bool) -> list[ServoTarget]:
 
 
 def _servo(body: RobotBody, port: str | None, joint: str | None, device: int | None) -> ServoSpec | None:
-    """The servo of the profile; None where only an id is named that the profile does not have."""
+    """The servo of the profile; None for an id that the profile does not have."""
     servos = body.joint_map.servos
     if joint is not None:
         found = [one for one in servos if one.joint == joint]
@@ -261,23 +260,19 @@ def _servo(body: RobotBody, port: str | None, joint: str | None, device: int | N
 
 
 def _calibrated(robot: str, body: RobotBody) -> RobotBody:
-    """The body with the zero ticks of its calibration, where they are valid: the ticks that a joint needs depend on
-    them."""
+    """The body with the zero ticks of its calibration, if they are valid."""
     try:
         return load_robot(robot)
     except RetargetError:
         return body
 
 
-# A look at every servo of the open ports, by the profile of the robot or as found.
-
-
 def look_at(
     places: Sequence[ServoPort], only: Only, *, ids: Sequence[int] | None = None, unknown_too: bool = False
 ) -> list[Look]:
-    """A look at each port. only, ids (None: all, or those of the profile): narrow the search.
+    """Look at each open port. ids: only these; None: all, or those of the profile.
 
-    unknown_too: servos of unknown models are enough. Raises BusError when no servo answers.
+    unknown_too: accept servos of unknown models. Raises BusError when no servo answers.
     """
     protocol, baud = only.protocol, only.baud
     check_speed(protocol, baud)
@@ -319,8 +314,8 @@ def look_at(
 
 
 def imu_of(where: Where, lines: Sequence[BusLine], clock: Clock) -> CyclicImu | None:
-    """The IMU of the robot that is meant, on these lines or on a port of its own; it is not open. None: the profile has
-    none, no robot is named, or its bus is left out."""
+    """The IMU of the robot, on these lines or on a port of its own; it is not open. None: no robot is named, its
+    profile has no IMU, or its bus is left out."""
     robot = where.robot or (EMULATED_ROBOT if where.port == EMULATOR else None)
     spec = None if robot is None else load_uncalibrated(robot).profile.imu_spec()
     if spec is None or (spec.bus and spec.bus not in {line.spec.name for line in lines}):
@@ -334,7 +329,7 @@ def imu_of(where: Where, lines: Sequence[BusLine], clock: Clock) -> CyclicImu | 
 
 
 def ids_of(text: str, *, option: str = "--ids", highest: int = MAX_ID + 1) -> list[int] | None:
-    """The ids that `1,2,5-9` means; None for an empty text. Raises UsageError."""
+    """The ids of a text such as `1,2,5-9`; None for an empty one. Raises UsageError."""
     if not text:
         return None
     found: set[int] = set()
@@ -362,7 +357,7 @@ def search(
 
 
 def quick_search(place: ServoPort, speeds: Sequence[Speed], on_found: Callable[[Sighting], object]) -> LineScan:
-    """Look for the servos of the place and others where servos usually are, with a progress bar. See `scan_likely`."""
+    """Look for servos at the usual ids, with a progress bar. See `scan_likely`."""
     expected = () if place.spec is None else place.spec.ids
     with progress_bar(f"looking on {place.where}", len(speeds)) as progress:
         return scan_likely(place.port, speeds, ids=expected, progress=progress, on_found=on_found)
@@ -373,12 +368,8 @@ def names(one: Look, ids: Sequence[int]) -> str:
     return ", ".join(map(one.line.name_of, ids))
 
 
-# The question before something is written or goes limp.
-
-
 def agreed(question: str, *, yes: bool) -> bool:
-    """Whether the operator agrees, or did beforehand (`yes`); ENTER alone is no. Raises UsageError where the input has
-    ended."""
+    """True if the operator agrees, or `yes`. ENTER alone is no. Raises UsageError at the end of the input."""
     if yes or confirmed(question, enter=False, where="servo (--yes agrees beforehand)"):
         return True
     echo("nothing was done")

@@ -44,26 +44,26 @@ def reboot(
         everyone (--all): Every servo that is found.
         yes: Do not ask; also where torque is on.
     """
-    wanted = ids_of(ids, option="--id", highest=MAX_ID)
-    if [wanted is not None, joint is not None, everyone].count(True) != 1:
+    selected = ids_of(ids, option="--id", highest=MAX_ID)
+    if [selected is not None, joint is not None, everyone].count(True) != 1:
         raise UsageError("which servos", where="servo reboot", allowed="one of --id 1,2, --joint NAME and --all")
     if joint is None:
         places = find_places(where)
     else:
         target = find_target(where, joint)
-        places, wanted = [target.place], [target.device]
+        places, selected = [target.place], [target.device]
     if dry_run:
-        who = "all servos" if wanted is None else f"ids {', '.join(map(str, wanted))}"
+        servos = "all servos" if selected is None else f"ids {', '.join(map(str, selected))}"
         for place in places:
-            echo(f"would read errors and torque of {who} on {place.where}, and after a question restart them")
+            echo(f"would read errors and torque of {servos} on {place.where}, and after a question restart them")
         return
     with opened(places):
-        looks = look_at(places, only, ids=wanted)
-        chosen = [(one, _chosen(one, wanted)) for one in looks]
-        _refuse(chosen, wanted, yes=yes)
+        looks = look_at(places, only, ids=selected)
+        chosen = [(one, [each for each in one.line.images if selected is None or each in selected]) for one in looks]
+        _refuse(chosen, selected, yes=yes)
         for one, some in chosen:
             for device in some:
-                echo(_said(one, device))
+                echo(_latched(one, device))
         count = sum(len(some) for _, some in chosen)
         if not agreed(f"Restart {counted(count, 'servo')}? Their torque goes off.", yes=yes):
             return
@@ -74,8 +74,7 @@ def reboot(
 
 
 def _restart(chosen: Sequence[tuple[Look, list[int]]]) -> list[str]:
-    """Restart, and return the problems afterwards. An interrupt ends it between two servos; those restarted are
-    printed."""
+    """Restart, and return the problems. An interrupt ends it between two servos, and prints those restarted."""
     done: list[str] = []
     left: list[str] = []
     problems: list[str] = []
@@ -93,14 +92,10 @@ def _restart(chosen: Sequence[tuple[Look, list[int]]]) -> list[str]:
     return problems
 
 
-def _chosen(one: Look, wanted: list[int] | None) -> list[int]:
-    return [device for device in one.line.images if wanted is None or device in wanted]
-
-
-def _refuse(chosen: list[tuple[Look, list[int]]], wanted: list[int] | None, *, yes: bool) -> None:
+def _refuse(chosen: list[tuple[Look, list[int]]], selected: list[int] | None, *, yes: bool) -> None:
     """Raise for ids that no servo has, for protocol 1.0, and for servos with torque unless `yes`."""
     there = {device for _, some in chosen for device in some}
-    absent = sorted(set(wanted or ()) - there)
+    absent = sorted(set(selected or ()) - there)
     if absent:
         raise BusError(
             f"no servo answers to id {', '.join(map(str, absent))}",
@@ -122,8 +117,8 @@ def _refuse(chosen: list[tuple[Look, list[int]]], wanted: list[int] | None, *, y
             )
 
 
-def _said(one: Look, device: int) -> str:
-    """The errors that a servo has latched, in words."""
+def _latched(one: Look, device: int) -> str:
+    """Latched errors of a servo, in words."""
     image = one.line.images[device]
     bits = image.value("hardware_error_status") if image.has("hardware_error_status") else 0
     torque = ", torque on" if image.value("torque_enable") else ""

@@ -56,7 +56,7 @@ def rest(where: Where, only: Only, yes: bool = False, dry_run: bool = False) -> 
                 return
             _broadcast(places, speeds)
         else:
-            _say_missing(looks)
+            _print_missing(looks)
         with stop_on_signals():  # signals wait: a robot half of whose servos have torque is the worst case
             _switch_off(looks)
     echo(f"torque is off on all {count} servos")
@@ -75,17 +75,17 @@ def _broadcast(places: Sequence[ServoPort], speeds: Sequence[Sequence[Speed]]) -
 
 
 def _is_due(looks: Sequence[Look], count: int) -> bool:
-    """Whether any servo has torque or does not answer; prints which."""
+    """True if any servo has torque or does not answer. Prints which."""
     driven = [names(one, on) for one in looks if (on := not_limp(one.line, _answering(one)))]
     if not driven and not any(one.missing for one in looks):
         echo(f"torque is off already on all {count} servos")
         return False
     echo(f"torque is on: {', '.join(driven) or 'no servo that answers'}")
-    _say_missing(looks)
+    _print_missing(looks)
     return True
 
 
-def _say_missing(looks: Sequence[Look]) -> None:
+def _print_missing(looks: Sequence[Look]) -> None:
     for one in looks:
         if one.missing:
             echo(f"no answer: {names(one, one.missing)}")

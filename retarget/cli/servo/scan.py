@@ -25,7 +25,7 @@ from retarget.cli.servo.places import (
 )
 
 USUAL_IDS = f"all ids by one ping (protocol 1.0: {LIKELY_IDS[0]} to {LIKELY_IDS[-1]}, and those of a profile)"
-"""What a quick look asks for."""
+"""Ids of a quick look, in words."""
 LOOK_EVERYWHERE = "--all looks at every speed and id, for about a minute"
 CHECK = "Check the servos' power, the wiring (data, ground), and that this is the right port; one servo alone says more"
 
@@ -40,11 +40,11 @@ def scan(where: Where, only: Only, ids: str = "", everywhere: bool = False, dry_
         ids 1,2,5-9: Only these ids.
         everywhere (--all): Every speed and id; about a minute.
     """
-    wanted = ids_of(ids, highest=MAX_ID + (only.protocol != 2))
-    quick = not everywhere and wanted is None and only.baud is None
+    selected = ids_of(ids, highest=MAX_ID + (only.protocol != 2))
+    quick = not everywhere and selected is None and only.baud is None
     places = find_places(where)
     speeds = [chosen_speeds(place, only) for place in places]
-    whose = "all ids" if wanted is None else f"ids {', '.join(map(str, wanted))}"
+    whose = "all ids" if selected is None else f"ids {', '.join(map(str, selected))}"
     if quick:
         speeds, whose = [likely_speeds(some) for some in speeds], USUAL_IDS
     if dry_run:
@@ -57,11 +57,11 @@ def scan(where: Where, only: Only, ids: str = "", everywhere: bool = False, dry_
         for place, some in zip(places, speeds, strict=True):
             try:
                 show = partial(rows.add, place)
-                scans.append(quick_search(place, some, show) if quick else search(place, some, wanted, show))
-            except KeyboardInterrupt:  # what ends the command says "interrupted"
+                scans.append(quick_search(place, some, show) if quick else search(place, some, selected, show))
+            except KeyboardInterrupt:
                 echo(f"not all was looked at; found so far: {rows.count}")
                 raise
-            _conclude(place, scans[-1], wanted)
+            _conclude(place, scans[-1], selected)
     if not rows.count:
         tried = "; ".join(
             f"{whose} on {place.where} at {_speeds_text(one.tried)}" for place, one in zip(places, scans, strict=True)
@@ -73,16 +73,16 @@ def scan(where: Where, only: Only, ids: str = "", everywhere: bool = False, dry_
 
 
 class SightingTable:
-    """Lines of a table that are printed as soon as they are known, in a pipe too."""
+    """A table of which each line is printed at once, in a pipe too."""
 
     def __init__(self) -> None:
         self.count = 0
         self._place: ServoPort | None = None
-        # The progress bar on stderr redirects what is printed: right for a terminal, wrong for a pipe.
+        # The progress bar on stderr redirects prints, which is wrong for a pipe.
         self._out = None if sys.stdout.isatty() else sys.stdout
 
     def add(self, place: ServoPort, sighting: Sighting) -> None:
-        """Print one servo, after a heading where its port is a new one."""
+        """Print one servo, after a heading for a new port."""
         if place is not self._place:
             echo(f"{place.where}:", file=self._out)
             echo(_row("protocol", "baud", "id", "model", "firmware", "remarks"), file=self._out)
@@ -100,13 +100,18 @@ def _row(protocol: str, baud: str, device: str, model: str, firmware: str, remar
     return f"{protocol:8}  {baud:>7}  {device:>3}  {model:13}  {firmware:>8}  {remarks}".rstrip()
 
 
-def _conclude(place: ServoPort, one: LineScan, wanted: Sequence[int] | None) -> None:
+def _conclude(place: ServoPort, one: LineScan, selected: Sequence[int] | None) -> None:
     """Print notes, skipped speeds and missing servos of a port."""
     if one.echoes:
         echo(f"note: {place.where}: {ECHOES}", err=True)
     for text in one.skipped:
         echo(f"not tried on {place.where}: {text}")
-    missing = _missing(place, one, wanted) if one.sightings else []
+    missing: list[str] = []  # devices of the profile that were looked for and did not answer
+    if place.spec is not None and one.sightings:
+        there = {sighting.found.id for sighting in one.sightings}
+        named = {servo.id: f"{servo.joint} (id {servo.id})" for _, servo in place.servos}
+        absent = [device for device in place.spec.ids if device not in there]
+        missing = [named.get(device, f"device {device}") for device in absent if selected is None or device in selected]
     if missing:
         echo(f"missing on {place.where}: {', '.join(missing)}")
     switch = None if place.spec is None else place.spec.power
@@ -120,7 +125,7 @@ def _conclude(place: ServoPort, one: LineScan, wanted: Sequence[int] | None) -> 
 
 
 def known_as(place: ServoPort, sighting: Sighting) -> str:
-    """A servo's joint in the profile, and where it differs from the profile; "" without a profile."""
+    """Joint of a servo in the profile, and differences from the profile; "" without a profile."""
     spec, found = place.spec, sighting.found
     if spec is None:
         return ""
@@ -134,16 +139,6 @@ def known_as(place: ServoPort, sighting: Sighting) -> str:
     if found.model is not None and sighting.model != servo.model.name:
         wrong.append(f"should be {servo.model.name}")
     return ": ".join((servo.joint, ", ".join(wrong))) if wrong else servo.joint
-
-
-def _missing(place: ServoPort, one: LineScan, wanted: Sequence[int] | None) -> list[str]:
-    """Devices of the profile that were looked for and did not answer."""
-    if place.spec is None:
-        return []
-    there = {sighting.found.id for sighting in one.sightings}
-    named = {servo.id: f"{servo.joint} (id {servo.id})" for _, servo in place.servos}
-    asked = [device for device in place.spec.ids if wanted is None or device in wanted]
-    return [named.get(device, f"device {device}") for device in asked if device not in there]
 
 
 def _speeds_text(speeds: Sequence[Speed]) -> str:

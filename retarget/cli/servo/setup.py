@@ -13,11 +13,9 @@ from retarget.cli.servo.setup_all import set_up_all
 from retarget.cli.servo.write_settings import find_one, set_up
 from retarget.errors import UsageError
 
-# The settings asked for; those that no servo can hold are refused before a port is opened.
-
 
 def registers_of(words: Sequence[str]) -> dict[str, int]:
-    """What NAME=VALUE means. Raises UsageError."""
+    """Registers and values of NAME=VALUE words. Raises UsageError."""
     found = {}
     for word in words:
         name, _, value = word.partition("=")
@@ -39,18 +37,20 @@ def check_device(device: int, protocol: int | None) -> None:
         )
 
 
-def check_asked(asked: SetupRequest, protocol: int | None, model: str | None) -> None:
-    """Raise UsageError for what no servo (of this protocol, of this model; None: any) can hold."""
-    check_speed(protocol, asked.baud)
-    if asked.registers.get(LEVEL) == ANSWER_ALL:  # any servo can hold it, be it in RAM
-        asked = replace(asked, registers={name: asked.registers[name] for name in asked.registers if name != LEVEL})
+def check_settings(request: SetupRequest, protocol: int | None, model: str | None) -> None:
+    """Raise UsageError for settings that no servo of this protocol and model (None: any) can hold."""
+    check_speed(protocol, request.baud)
+    if request.registers.get(LEVEL) == ANSWER_ALL:  # any servo can hold it
+        request = replace(
+            request, registers={name: request.registers[name] for name in request.registers if name != LEVEL}
+        )
     possible = [one for one in tables() if protocol in (None, one.protocol) and model in (None, one.model)]
     if not possible:
         return
     refused = ""
-    for table in [one for one in possible if all(map(one.has, asked.registers))] or possible[:1]:
+    for table in [one for one in possible if all(map(one.has, request.registers))] or possible[:1]:
         try:
-            settings_of(table, asked)
+            settings_of(table, request)
         except HardwareError as error:
             refused = refused or str(error).removeprefix(f"{table.model}: ").removesuffix(".")
         else:
@@ -94,34 +94,34 @@ def setup(
     """
     if device is not None:
         check_device(device, protocol)
-    asked = SetupRequest(new_id, baud, None if return_delay is None else 1e-6 * return_delay, registers_of(register))
+    request = SetupRequest(new_id, baud, None if return_delay is None else 1e-6 * return_delay, registers_of(register))
     if everything:
-        _check_all(where, {"--joint": joint, "--id": device, "--new-id": new_id, "--protocol": protocol}, asked)
-        set_up_all(where, asked, yes=yes, dry_run=dry_run)
+        _check_all(where, {"--joint": joint, "--id": device, "--new-id": new_id, "--protocol": protocol}, request)
+        set_up_all(where, request, yes=yes, dry_run=dry_run)
         return
     target = find_target(where, joint, device)
-    _check(target, asked, protocol)
+    _check(target, request, protocol)
     place = target.place
     with opened([place]):
-        set_up(target, asked, find_one(place, target.device, protocol), yes=yes, dry_run=dry_run)
+        set_up(target, request, find_one(place, target.device, protocol), yes=yes, dry_run=dry_run)
 
 
-def _check_all(where: Where, options: Mapping[str, object], asked: SetupRequest) -> None:
-    """Raise UsageError for options that all servos of a robot cannot share, and where no robot is named."""
+def _check_all(where: Where, options: Mapping[str, object], request: SetupRequest) -> None:
+    """Raise UsageError for options of a single servo, and without a robot."""
     if where.robot is None:
         raise UsageError("the servos of which robot", where="--all", allowed="--robot NAME beside it")
     given = ", ".join(option for option, value in options.items() if value is not None)
     if given:
         raise UsageError("only one servo can have this", where=given, found="--all", next_step="Leave one of them out")
-    check_asked(asked, None, None)
+    check_settings(request, None, None)
 
 
-def _check(target: ServoTarget, asked: SetupRequest, protocol: int | None) -> None:
-    """Raise UsageError for what is impossible, before a port is opened."""
+def _check(target: ServoTarget, request: SetupRequest, protocol: int | None) -> None:
+    """Raise UsageError for impossible settings, before a port is opened."""
     servo, spec = target.servo, target.place.spec
     if servo is None:
-        check_asked(asked, protocol, None)
-        if spec is not None and asked == SetupRequest():
+        check_settings(request, protocol, None)
+        if spec is not None and request == SetupRequest():
             known = ", ".join(str(one.id) for _, one in target.place.servos)
             raise UsageError(
                 "no servo of the profile has this id",
@@ -132,4 +132,4 @@ def _check(target: ServoTarget, asked: SetupRequest, protocol: int | None) -> No
             )
         return
     assert spec is not None
-    check_asked(asked, spec.protocol, servo.model.name)
+    check_settings(request, spec.protocol, servo.model.name)

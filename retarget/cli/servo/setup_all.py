@@ -1,5 +1,4 @@
-"""`retarget servo setup --all`: the servos of a robot one after the other, each connected alone and set up as by
-`setup`."""
+"""`retarget servo setup --all`: set up the servos of a robot one after the other, each connected alone."""
 
 from dataclasses import dataclass, field, replace
 
@@ -22,17 +21,17 @@ from retarget.cli.servo.places import (
     opened,
     quick_search,
 )
-from retarget.cli.servo.write_settings import set_up, wanted_of
+from retarget.cli.servo.write_settings import completed_request, set_up
 from retarget.errors import suggest
 
 WHERE = "servo setup --all"
 DOUBLE = "2X"
-"""How the names of models begin of which one case holds two servos: they cannot be connected alone."""
+"""Prefix of models with two servos in one case, which cannot be connected alone."""
 
 
-def set_up_all(where: Where, asked: SetupRequest, *, yes: bool, dry_run: bool) -> None:
-    """Walk through all servos; see `setup`. asked: what each is to get besides what its profile says."""
-    walk = SetupWalk(all_targets(where, yes=yes), asked, yes=yes, dry_run=dry_run)
+def set_up_all(where: Where, request: SetupRequest, *, yes: bool, dry_run: bool) -> None:
+    """Walk through all servos; see `setup`. request: settings of each beside those of its profile."""
+    walk = SetupWalk(all_targets(where, yes=yes), request, yes=yes, dry_run=dry_run)
     echo(
         f"{len(walk.targets)} servos, one after the other, each alone on the line: switch the power off, connect it, "
         "switch the power on, press ENTER. It gets id, speed and the settings of the profile at once; nothing moves.\n"
@@ -48,10 +47,10 @@ def set_up_all(where: Where, asked: SetupRequest, *, yes: bool, dry_run: bool) -
 
 @dataclass
 class SetupWalk:
-    """Set-up of a robot's servos, in the profile's order. ready: joints whose servos are set up."""
+    """Set-up of the servos of a robot, in its order. ready: joints whose servos are set up."""
 
     targets: list[ServoTarget]
-    asked: SetupRequest
+    request: SetupRequest
     yes: bool
     dry_run: bool
     ready: set[str] = field(default_factory=set)
@@ -81,7 +80,7 @@ class SetupWalk:
                 index += self._done(target)
 
     def conclude(self, where: Where) -> None:
-        """Say which servos are set up, and what comes next."""
+        """Print which servos are set up, and the next step."""
         left = [_joint(target) for target in self.targets if _joint(target) not in self.ready]
         count = len(self.targets)
         if not left:
@@ -91,7 +90,7 @@ class SetupWalk:
             echo(f"set up: {count - len(left)} of {count}; left: {', '.join(left)}")
 
     def _done(self, target: ServoTarget) -> bool:
-        """Set up the servo that answers. False: none did, or not this one; why is printed."""
+        """Set up the servo that answers. False if it is not set up; the reason is printed."""
         joint = _joint(target)
         if target.place.connect is not None:
             target.place.connect(joint)
@@ -100,7 +99,9 @@ class SetupWalk:
                 seen = self._alone(target)
                 if seen is None:
                     return False
-                if not set_up(replace(target, device=seen.found.id), self.asked, seen, yes=True, dry_run=self.dry_run):
+                if not set_up(
+                    replace(target, device=seen.found.id), self.request, seen, yes=True, dry_run=self.dry_run
+                ):
                     return self.dry_run
         except BusError as error:
             echo(f"not set up: {error}")
@@ -111,8 +112,8 @@ class SetupWalk:
         return True
 
     def _alone(self, target: ServoTarget) -> Sighting | None:
-        """The servo that is to become the target's; None: the operator does not want it. Those that are set up may
-        stay on the line. Raises BusError where none is left, or several."""
+        """The only servo on the line that is not set up, or None if the operator rejects it. Raises BusError for none
+        or several."""
         joint, place = _joint(target), target.place
         found = [(one, self._owner(place, one)) for one in self._look(place)]
         new = [one for one, owner in found if owner in (None, joint)]
@@ -145,7 +146,7 @@ class SetupWalk:
         raise BusError("only servos that are set up already answer", where=place.where, found=text, then=step)
 
     def _look(self, place: ServoPort) -> list[Sighting]:
-        """The servos on the line; where there is none, also those of the other protocol, which the error then names."""
+        """The servos on the line; without any, those of the other protocol, for the error."""
         assert place.spec is not None
         own = place.spec.protocol
         for protocol in (own, *(one for one in PROTOCOLS if one != own)):
@@ -162,7 +163,7 @@ class SetupWalk:
         return quick_search(place, speeds, lambda seen: None).sightings
 
     def _power(self, place: ServoPort, seen: tuple[Sighting, ...]) -> bool:
-        """Switch the servos' power on where a device on the line does that and has it off; whether that was done."""
+        """Switch the servos' power on if a device on the line has it off. True if that was done."""
         switch = None if place.spec is None else place.spec.power
         device = next((one for one in seen if switch is not None and one.found.id == switch.id), None)
         if switch is None or device is None:
@@ -178,7 +179,7 @@ class SetupWalk:
         return self._powers
 
     def _owner(self, place: ServoPort, seen: Sighting) -> str | None:
-        """The joint of which a servo has id, speed and all settings; None: of none."""
+        """The joint whose id, speed and settings a servo has, or None."""
         spec, found = place.spec, seen.found
         target = next((one for one in self.targets if one.place is place and one.device == found.id), None)
         if target is None or target.servo is None or spec is None or found.clash or seen.table is None:
@@ -190,8 +191,8 @@ class SetupWalk:
         if answers_pings_only(client, found.id):
             return None
         image = read_image(client, found.id, seen.table)
-        wanted = settings_of(image.table, wanted_of(target, self.asked, seen, image))
-        return None if differing(wanted, image) else target.servo.joint
+        completed = settings_of(image.table, completed_request(target, self.request, seen, image))
+        return None if differing(completed, image) else target.servo.joint
 
 
 def _joint(target: ServoTarget) -> str:

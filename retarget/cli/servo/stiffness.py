@@ -1,4 +1,4 @@
-"""`retarget servo stiffness`: how stiff a servo is, measured on the robot: held goals under a known load."""
+"""`retarget servo stiffness`: measure the stiffness of a servo on the robot, by held goals under a known load."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -20,7 +20,7 @@ from retarget.schema.catalogue import Kind, shipped_folder, user_folder
 from retarget.setup.servo_stiffness import HeldGoals, Hung, MeasuredStiffness, held_goals, measured
 
 WEIGHTS_KG = (0.05, 5.0)
-"""[kg] What may hang on a robot: less is not seen, more is no servo's of the table."""
+"""[kg] Range of a weight: less is not seen, and no servo of the table carries more."""
 
 
 def stiffness(
@@ -82,7 +82,7 @@ def stiffness(
 
 
 def _options(robot: str, bus: str) -> RunOptions:
-    """The run of a measurement. Emulated servos alone carry nothing: a simulated body turns their shafts."""
+    """The run of a measurement. Emulated servos carry no load, so a simulated body turns their shafts."""
     bus = "physics+wire" if bus == "emulator" else bus
     if bus in ("mock", "none"):
         allowed = "profile, a port, emulator, physics, physics+wire"
@@ -105,7 +105,7 @@ def _hung(body: RobotBody, weight: float | None, frame: str | None) -> Hung | No
 
 
 def _play(body: RobotBody, options: RunOptions, held: HeldGoals, hung: Hung | None) -> RunResult:
-    """Play the goals as a run plays recorded ones. Nothing follows the performer that a run needs."""
+    """Play the goals as a run plays recorded ones. Nothing follows the performer."""
     from retarget.cli.run import CommandRun
     from retarget.pictures.outputs import Outputs
     from retarget.recording.goal_playback import held_performance, playing_back
@@ -132,7 +132,7 @@ def _play(body: RobotBody, options: RunOptions, held: HeldGoals, hung: Hung | No
 
 
 def _result(body: RobotBody, held: HeldGoals, found: MeasuredStiffness, voltage: float) -> list[str]:
-    """What was found, and what to write into the profile."""
+    """The result in words, with the entry for the profile."""
     servo, planned = held.servo, body.profile
     table, gain = servo.model.stiffness, servo.gains.position_p
     of_gain = table.scaled(p_gain(servo) / DEFAULT_P_GAIN)
@@ -151,7 +151,7 @@ def _result(body: RobotBody, held: HeldGoals, found: MeasuredStiffness, voltage:
 
 
 def _written_into(profile: Path) -> str:
-    """Where the user writes what belongs into a profile: a shipped one is copied first."""
+    """The profile to edit, in words. A shipped one is copied first."""
     if not profile.is_relative_to(shipped_folder()):
         return str(profile)
     folder = profile.parent

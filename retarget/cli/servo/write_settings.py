@@ -1,4 +1,4 @@
-"""One servo on an open port: what it is, what it is to hold, shown, asked, written and read back."""
+"""Set up one servo on an open port: show its settings, ask, write and read back."""
 
 from dataclasses import replace
 
@@ -24,18 +24,17 @@ from retarget.cli.exit import echo, stop_on_signals
 from retarget.cli.servo.places import Only, ServoPort, ServoTarget, agreed, chosen_speeds, search
 
 
-def wanted_of(target: ServoTarget, asked: SetupRequest, seen: Sighting, image: ServoImage) -> SetupRequest:
-    """The options, completed by the profile.
+def completed_request(target: ServoTarget, request: SetupRequest, seen: Sighting, image: ServoImage) -> SetupRequest:
+    """The request, completed by the profile. Status Return Level in RAM is left out, because every run sets it.
 
-    Status Return Level is left out where it is in RAM: a servo with status return off was set before, and every run
-    sets it. Raises BusError for a servo that is not of the profile's model and protocol.
+    Raises BusError for a servo that is not of the profile's model and protocol.
     """
-    registers = dict(asked.registers)
+    registers = dict(request.registers)
     if image.table[LEVEL].address >= image.table.eeprom_end:
         registers.pop(LEVEL, None)
     servo, bus = target.servo, target.place.spec
     if servo is None or bus is None or target.needed is None:
-        return replace(asked, registers=registers)
+        return replace(request, registers=registers)
     if (seen.model, seen.speed.protocol) != (servo.model.name, bus.protocol):
         raise BusError(
             f"id {target.device} is not the servo of {servo.joint} by its model or protocol",
@@ -46,20 +45,20 @@ def wanted_of(target: ServoTarget, asked: SetupRequest, seen: Sighting, image: S
         )
     profiled = profile_values(servo, bus, image, target.needed)
     return SetupRequest(
-        servo.id if asked.new_id is None else asked.new_id,
-        bus.baud if asked.baud is None else asked.baud,
-        bus.return_delay if asked.return_delay is None else asked.return_delay,
+        servo.id if request.new_id is None else request.new_id,
+        bus.baud if request.baud is None else request.baud,
+        bus.return_delay if request.return_delay is None else request.return_delay,
         profiled | registers,
     )
 
 
-def set_up(target: ServoTarget, asked: SetupRequest, seen: Sighting, *, yes: bool, dry_run: bool) -> bool:
-    """Write into a servo, seen on the open port of the target, what it is to hold; whether it holds all of it then.
+def set_up(target: ServoTarget, request: SetupRequest, seen: Sighting, *, yes: bool, dry_run: bool) -> bool:
+    """Write the settings of a servo that was seen on the open port of the target. True if it then holds all of them.
 
-    Shows what it is and what it gets, and asks (`yes`: does not). Raises BusError.
+    Shows them and asks first, unless `yes`. Raises BusError.
     """
     place = target.place
-    answering = _make_responsive(target, asked, seen, yes=yes, dry_run=dry_run)
+    answering = _make_responsive(target, request, seen, yes=yes, dry_run=dry_run)
     if answering is None:
         return False
     if answering.table is None:
@@ -68,14 +67,14 @@ def set_up(target: ServoTarget, asked: SetupRequest, seen: Sighting, *, yes: boo
     place.port.set_baud(answering.speed.baud)
     image = read_image(OneOff(place.port, answering.speed.protocol), target.device, answering.table)
     echo(f"id {target.device}: {answering.model}, firmware {answering.found.firmware}, {answering.speed}")
-    wanted = wanted_of(target, asked, answering, image)
-    due = plan(image, settings_of(image.table, wanted))
+    completed = completed_request(target, request, answering, image)
+    due = plan(image, settings_of(image.table, completed))
     if not due:
         echo("it has all of this already: nothing to write")
         return True
     _preview(image, due)
-    new_id = target.device if wanted.new_id is None else wanted.new_id
-    _refuse_taken(place, answering, new_id, wanted.baud or answering.speed.baud)
+    new_id = target.device if completed.new_id is None else completed.new_id
+    _refuse_taken(place, answering, new_id, completed.baud or answering.speed.baud)
     if dry_run:
         echo("dry run: nothing was written")
         return False
@@ -93,19 +92,18 @@ def _preview(image: ServoImage, due: list[Setting]) -> None:
 
 
 def _make_responsive(
-    target: ServoTarget, asked: SetupRequest, seen: Sighting, *, yes: bool, dry_run: bool
+    target: ServoTarget, request: SetupRequest, seen: Sighting, *, yes: bool, dry_run: bool
 ) -> Sighting | None:
-    """The servo, answering all instructions. One that answers pings only is set to, if an option or the profile says
-    so.
+    """The servo, made to answer all instructions if an option or the profile says so. None: the set-up ends here.
 
-    None: nothing more is to be done. Raises BusError where neither says so.
+    Raises BusError for a servo that answers pings only, where neither says so.
     """
     place, device = target.place, target.device
     place.port.set_baud(seen.speed.baud)
     client = OneOff(place.port, seen.speed.protocol)
     if not answers_pings_only(client, device):
         return seen
-    if asked.registers.get(LEVEL, None if target.servo is None else ANSWER_ALL) != ANSWER_ALL:
+    if request.registers.get(LEVEL, None if target.servo is None else ANSWER_ALL) != ANSWER_ALL:
         then = f"Add --register {LEVEL}={ANSWER_ALL}: that is written without its answer, and read back"
         raise BusError(f"id {device} {PINGS_ONLY}", where=place.where, then=then)
     echo(f"id {device}: {PINGS_ONLY}, {seen.speed}")
@@ -133,7 +131,7 @@ def find_one(place: ServoPort, device: int, protocol: int | None) -> Sighting:
 
 
 def _refuse_taken(place: ServoPort, seen: Sighting, new_id: int, baud: int) -> None:
-    """Raise BusError where another servo has the id, at the present or the new speed."""
+    """Raise BusError if another servo has the id, at the present or the new speed."""
     try:
         for rate in (seen.speed.baud, baud):
             if (new_id, rate) == (seen.found.id, seen.speed.baud):
@@ -148,7 +146,7 @@ def _refuse_taken(place: ServoPort, seen: Sighting, new_id: int, baud: int) -> N
 
 
 def _write(place: ServoPort, seen: Sighting, due: list[Setting]) -> None:
-    """Write all settings, each completely; print what was written if it ends early."""
+    """Write all settings. If it ends early, print which were written."""
     assert seen.table is not None
     device, speed = seen.found.id, Speed(*seen.speed)
     done: list[str] = []

@@ -133,7 +133,7 @@ def test_a_signal_at_any_question_leaves_nothing_behind(
             signal.raise_signal(number)
         return True
 
-    monkeypatch.setattr(home_file, "ask", interrupt)
+    monkeypatch.setattr(home_file, "confirmed", interrupt)
     code, _, err = lab.home()
     assert (code, err) == (130, "interrupted\n")
     assert not calibration_path("op3").exists() and lab.closed()

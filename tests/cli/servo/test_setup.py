@@ -10,7 +10,7 @@ from hardware.joint_map import JointMap
 from messages import refuses
 from retarget.cli.servo import places
 from retarget.cli.servo.places import Where, find_places, find_target
-from retarget.cli.servo.setup import check_asked
+from retarget.cli.servo.setup import check_settings
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
 
@@ -95,7 +95,7 @@ X, AX = "XM430-W350", "AX-12A"
 
 
 @pytest.mark.parametrize(
-    ("asked", "protocol", "model", "text"),
+    ("settings", "protocol", "model", "text"),
     [
         (SetupRequest(new_id=254), None, None, "servo setup: no such id for this servo; found 254; allowed: 0 to 252"),
         (SetupRequest(new_id=-1), None, X, "found -1"),
@@ -120,7 +120,7 @@ X, AX = "XM430-W350", "AX-12A"
         (SetupRequest(registers={"status_return_level": 1}), 2, X, "no such register for this servo"),
     ],
 )
-def test_refused(asked: SetupRequest, protocol: int | None, model: str | None, text: str) -> None:
+def test_refused(settings: SetupRequest, protocol: int | None, model: str | None, text: str) -> None:
     with pytest.raises(UsageError) as caught:
-        check_asked(asked, protocol, model)
+        check_settings(settings, protocol, model)
     assert text in str(caught.value)
