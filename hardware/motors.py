@@ -88,8 +88,8 @@ def drive_numbers(model: ServoModel) -> DriveNumbers:
 
 
 def _motor_of_line(model: ServoModel, known: _Identified) -> tuple[float, float]:
-    """Return kt and R of the motor whose torque falls along the identified line, or faster, so that it turns no faster
-    than its maker says.
+    """Return kt and R of the motor whose torque falls along the identified line, or faster, so that it does not exceed
+    the maker's speed.
 
     Torque at full drive: kt V / R - (kt^2 / R) x speed, less friction and viscous x speed.
     """

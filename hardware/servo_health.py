@@ -279,7 +279,7 @@ class ServoWarnings:
 
 
 SILENCE_GAP_S = 0.5
-"""[s] Silent cycles farther apart are not counted together."""
+"""[s] Silent cycles with a longer gap are not counted together."""
 HIGHEST_ERROR_RATE = 0.6
 """Error rate at which the robot stops (see `ServoStates.error_rate`)."""
 

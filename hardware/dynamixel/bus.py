@@ -32,8 +32,8 @@ NOISY_CYCLES = 50
 class CyclicImu:
     """The IMU of a robot within the cycles of its bus. port: its own serial line, if any.
 
-    It is asked after the goals, and its answer is taken before anything else is sent. Without goals it is asked after
-    the servos. notify: receives each fault once.
+    It is polled after the goals, or else after the servos, and its answer is taken before anything else is sent.
+    notify: receives each fault once.
     """
 
     def __init__(
@@ -370,7 +370,7 @@ class BusWatch:
         self._readings = Readings([tables[index] for index in range(len(tables))])
         self.losses = np.zeros(len(tables), dtype=np.int64)
         self._times: deque[float] = deque(maxlen=KEPT)
-        self._looked = -np.inf  # [s] when torque was asked for
+        self._looked = -np.inf  # [s] of the last read of torque
         for line in lines:
             for device, image in line.images.items():
                 if image.has("hardware_error_status"):

@@ -1,8 +1,8 @@
 """One bus of a robot at work (`BusLine`), and the cyclic exchange on it: goals out, states in, bounded retries, error
 rate.
 
-A missing servo silences those that answer after it, so it is asked last from the next request on. After LOST_AFTER
-cycles it is left out, and probed every PROBE_PERIOD.
+A missing servo silences those that answer after it, so it is polled last from then on. After LOST_AFTER cycles it is
+left out, and probed every PROBE_PERIOD.
 """
 
 from collections import deque
@@ -258,7 +258,7 @@ RETRIES = 3
 MOST_UNANSWERED = 3
 """Unanswered requests after which a cycle without any byte ends."""
 LOST_AFTER = 3
-"""Silent cycles after which a servo is no longer asked in every cycle."""
+"""Silent cycles after which a servo is no longer polled."""
 PROBE_PERIOD = 0.1
 """[s] Between two probes for lost servos."""
 MAX_TRANSACTIONS = 1000
@@ -342,7 +342,7 @@ class MissingServos:
         return device in self.first or device in self.strikes
 
     def late(self, now: float, cycle: int) -> list[int]:
-        """Return the silent servos to ask last in this cycle, the newest first, with a lost one in turn every
+        """Return the silent servos to poll last in this cycle, the newest first, with a lost one in turn every
         PROBE_PERIOD. now: s."""
         lost = [device for device in self._ids if self.strikes.get(device, 0) >= LOST_AFTER]
         probe = None
@@ -478,9 +478,9 @@ class CyclicPort:
             readings.take_alert(index, values.get("hardware_error_status", 0))
 
     def _again(self, transaction: Transaction, answers: Answers, *, noise: bool) -> None:
-        """Ask the silent servos once more, the first of them last, since it may have silenced the rest.
+        """Repeat the request to the silent servos, the first of them last, since it may have silenced the rest.
 
-        Without any byte they are asked once, in reverse; another silence means a silent line. A single servo that was
+        Without any byte it is repeated once, in reverse; another silence means a silent line. A single servo that was
         missing before waits for the next cycle.
         """
         self.errors.spoiled += noise
@@ -644,7 +644,7 @@ class BusLine:
             if silent:
                 found |= self._read_group(silent, address, size)
             silent = [device for device in silent if device not in found]
-            # The first one silent may have silenced the rest: it is asked last.
+            # The first silent one may have silenced the rest, so it comes last.
             silent = [*silent[1:], *silent[:1]]
         for device in silent:  # one by one, a missing servo silences no other
             found |= self._read_group([device], address, size)

@@ -62,7 +62,7 @@ def servos_on(line: BusLine) -> tuple[list[FoundServo], list[str]]:
     """
     client, expected = line.client, line.spec.ids
     if client.protocol == 2:
-        answering = client.scan({*expected, MAX_ID})  # the window is that of the highest id asked for
+        answering = client.scan({*expected, MAX_ID})  # the window is that of the highest id
         return [one for one in answering if one.id in expected or one.model is not None], []  # noise is no servo
     found = {one.id: one for one in client.scan(expected)}
     others = [device for device in range(MAX_ID + 2) if device not in expected]

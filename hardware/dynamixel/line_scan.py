@@ -240,7 +240,7 @@ def write_setting(
     assert rate is not None
     for _ in range(WRITE_TRIES):
         port.set_baud(speed.baud)
-        # The answer comes at the new speed, or is lost: the servo is asked below.
+        # The answer comes at the new speed, or is lost. The servo is read below.
         with suppress(NoAnswer):
             OneOff(port, speed.protocol, retries=0).write(device, register, value)
         port.sleep_until(port.now() + SPEED_SETTLE)

@@ -55,17 +55,15 @@ def imu_reading(data: bytes) -> ImuReading | None:
 
 
 class OpenCrImu:
-    """The IMU of the board on a line, an `ImuDevice`.
-
-    It is asked right after the goals, and answers while the host computes. A silent board is probed like a lost servo.
-    """
+    """The IMU of the board on a line, an `ImuDevice`. It is polled right after the goals, and answers while the host
+    computes. A silent board is probed like a lost servo."""
 
     def __init__(self, line: BusLine, spec: ImuSpec) -> None:
         self._line, self.tracker = line, ImuTracker(spec)
         self._request = ReadRequest(ReadKind.SINGLE2, (spec.id,), IMU_FIRST, _MEASURED.size)
         self._packet, self._enough = self._request.packet(), self._request.bytes_of(1)
-        self._sent: float | None = None  # [s] when it was asked, until its answer is taken
-        self._missed, self._due = 0, -math.inf  # answers in a row; [s] when a silent board is asked again
+        self._sent: float | None = None  # [s] of the request, until its answer is taken
+        self._missed, self._due = 0, -math.inf  # answers in a row; [s] of the next probe of a silent board
 
     def post(self) -> None:
         """Request a measurement unless the board is lost."""
