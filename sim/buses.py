@@ -157,8 +157,7 @@ DRAWN = (
 def topples_at_rest(robot: RobotBody) -> str | None:
     """Return how a robot on its soles goes down when its torque goes off in its posture `rest`, in words.
 
-    None: it stays in all TRIALS, or it cannot be simulated. Statics do not suffice: a robot at rest leans on the stops
-    of its joints and on its own links.
+    None: it stays in all TRIALS, or it cannot be simulated.
     """
     if not robot.stands:
         return None

@@ -25,12 +25,11 @@ def mock_bus(robot: RobotBody, clock: Clock, *, start: TickArray | None = None) 
 
 
 class MockBus:
-    """A `hardware.bus.ServoBus` without wires. Nothing loads the joints: with torque off a servo does not move.
+    """A `hardware.bus.ServoBus` without wires and without load: with torque off a servo does not move.
 
-    A servo goes to its goal at the speed `clip((goal - position) / lag, -top, top)`: a pure P gain whose drive
-    saturates at the no-load speed. The lag, s, follows from the model and its P gain. The motion is exact over any
-    time. Currents, voltages and temperatures are unknown. start: ticks (n,). imu_of: the robot whose IMU moves with its
-    link, over soles that never leave the floor.
+    A servo goes to its goal at the speed `clip((goal - position) / lag, -top, top)`, exact over any time: a P gain
+    whose drive saturates at the no-load speed. start: ticks (n,). imu_of: the robot whose IMU moves with its link, over
+    soles that never leave the floor.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
 """Synthetic performers: reach and crouch cycles, gestures, a stroll.
 
 The cycles have the timing and heights of CMU trial 02_06 (bend over, scoop up, rise, lift the right arm). The body is a
-skeleton of 1.7 m: trunk and arms by forward kinematics, legs by two-link inverse kinematics onto planted feet, so that
-bone lengths are constant and soles do not move. All paths are minimum-jerk, hence C2.
+skeleton of 1.7 m: trunk and arms by forward kinematics, legs by two-link inverse kinematics. All paths are
+minimum-jerk.
 """
 
 from typing import NamedTuple

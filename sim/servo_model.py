@@ -22,8 +22,7 @@ def saturated_lag(
 ) -> tuple[FloatArray, FloatArray]:
     """Return displacement and final velocity (n,) after `elapsed` s of d/dt x = clip((goal - x) / lag, -top, top).
 
-    error: goal - x at the start. The drive saturates at the no-load speed `top`: the speed is constant while the error
-    exceeds `top * lag`, then falls exponentially. A servo of `lag` 0 runs to its goal at top speed.
+    error: goal - x at the start. The speed is constant while the error exceeds `top * lag`, then falls exponentially.
     """
     distance = np.abs(error)
     knee = top * lag  # below this error the loop no longer saturates

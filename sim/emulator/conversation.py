@@ -104,8 +104,7 @@ def _word(params: bytes, at: int) -> int:
 class Gaps(Enum):
     """Effect of a missing servo on those behind it in a group read.
 
-    Each waits for the status of its predecessor (e-Manual, protocol 1.0 bulk read; 2.0: 'in order'). Silence is
-    inferred from that, and not verified on hardware.
+    Each waits for the status of its predecessor (e-Manual, protocol 1.0). Silence is inferred from that, not verified.
     """
 
     SILENCE = "silence"

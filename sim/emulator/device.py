@@ -24,12 +24,11 @@ class Answer(NamedTuple):
 
 
 class Device:
-    """A device with the memory of its control table, as the maker delivers it.
+    """A device with the memory of its control table, as the maker delivers it. `now` is s of the line's clock.
 
-    `now` is s of the line's clock and never decreases. id, secondary_id (obeyed without an answer, RAM area only), baud
-    (bits/s), return_delay (s before every status) and answers_reads (status return level 1 and 2) are those of its
-    registers. registered: address and data of a Reg Write that waits for its Action. malformed: error for a wrong
-    number of parameters; unknown: for an unknown instruction, and an action without a registered write.
+    secondary_id: obeyed without an answer, RAM area only. baud: bits/s. return_delay: s before every status.
+    answers_reads: status return level 1 or 2. registered: address and data of a Reg Write that waits for its Action.
+    malformed: error for a wrong number of parameters; unknown: for an unknown instruction.
     """
 
     malformed: int = Error2.DATA_LENGTH

@@ -26,9 +26,8 @@ Effects = dict[tuple[FaultKind, int], float]
 class FaultState:
     """Faults of one line. `now` is s of the line's clock. Call `update` before all else.
 
-    active: the active faults. missing, silent_tail, clashing: ids with these faults. dead: no bytes pass between host
-    and devices. echo: the host receives its own bytes. unplugged: its adapter is gone. spoil: `to_host` may change
-    bytes.
+    missing, silent_tail, clashing: ids with these faults. dead: no bytes pass. unplugged: the host's adapter is gone.
+    spoil: `to_host` may change bytes.
     """
 
     def __init__(
@@ -101,10 +100,22 @@ class FaultState:
         active = tuple(fault for fault in self._faults if fault.lasts(time, cycle))
         edges = [edge for fault in self._faults for edge in (fault.start, fault.end) if edge > time]
         self._until = self._origin + min(edges, default=math.inf)
-        if active != self.active:
-            self.active = active
-            self._reset()
-            self._apply_effects(now)
+        if active == self.active:
+            return
+        self.active = active
+        self._reset()
+        before = self._effects
+        self._effects = {
+            (fault.kind, index): fault.amount if fault.kind in VALUES else 1.0
+            for fault in active
+            if fault.kind in _EFFECTS
+            for index, device in enumerate(self._devices)
+            if not fault.ids or device.id in fault.ids
+        }
+        for kind, index in sorted(before.keys() | self._effects.keys(), key=lambda key: (key[0].value, key[1])):
+            value_now = self._effects.get((kind, index))
+            if value_now != before.get((kind, index)):
+                _EFFECTS[kind](self._devices[index], value_now, now)
 
     def garbage(self) -> bytes:
         """Return the bytes that the host receives from a dead line after a packet of its own."""
@@ -124,21 +135,6 @@ class FaultState:
     def _ids(self, kind: FaultKind) -> frozenset[int]:
         hit = [fault for fault in self.active if fault.kind is kind]
         return frozenset(own for fault in hit for own in fault.ids or [device.id for device in self._devices])
-
-    def _apply_effects(self, now: float) -> None:
-        """Apply the faults that have begun to devices, and undo those that have ended."""
-        before = self._effects
-        self._effects = {
-            (fault.kind, index): fault.amount if fault.kind in VALUES else 1.0
-            for fault in self.active
-            if fault.kind in _EFFECTS
-            for index, device in enumerate(self._devices)
-            if not fault.ids or device.id in fault.ids
-        }
-        for kind, index in sorted(before.keys() | self._effects.keys(), key=lambda key: (key[0].value, key[1])):
-            value_now = self._effects.get((kind, index))
-            if value_now != before.get((kind, index)):
-                _EFFECTS[kind](self._devices[index], value_now, now)
 
 
 _EFFECTS: dict[FaultKind, Callable[[Device, float | None, float], None]] = {

@@ -98,11 +98,10 @@ Cycle = Annotated[Integer, Field(ge=0)]
 
 class Fault(Schema):
     """One fault, an entry of a fault file. It lasts inside both windows: time since the line began, s, from `start` to
-    before `end`, and group reads received, counted from 0, from `from_cycle` to before `to_cycle`.
+    before `end`, and group reads received, from 0, from `from_cycle` to before `to_cycle`.
 
-    kind: `fault` in a file. ids: of the devices; none: all. Faults with ids do not change bytes to the servos, which
-    belong to no device. rate: share of the units `of`. value: see FaultKind; None: the default. bus: name of its only
-    line; None: all. Raises ValidationError for other values.
+    ids: of the devices; none: all. Faults with ids do not change bytes to the servos, which belong to no device. rate:
+    share of the units `of`. value: None: the default. bus: name of its only line; None: all. Raises ValidationError.
     """
 
     kind: FaultKind = Field(alias="fault")

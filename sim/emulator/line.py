@@ -21,9 +21,9 @@ REAL_TIME_GAP = 20e-3
 class LineTiming:
     """Times of a line, s.
 
-    bits: per byte on the wire; 0: bytes take no time. return_delay: share of a servo's Return Delay Time before its
-    status; turnaround: added to it. latency: of the adapter towards the host (FTDI: the latency timer). gap: longest
-    pause inside an instruction frame; after a longer one servos drop its begin (e-Manual: 1.5 ms).
+    bits: per byte; 0: bytes take no time. return_delay: share of a servo's Return Delay Time; turnaround: added to it.
+    latency: of the adapter towards the host (FTDI: the latency timer). gap: longest pause inside an instruction frame;
+    after a longer one servos drop its begin (e-Manual: 1.5 ms).
     """
 
     bits: float = BITS_PER_BYTE
@@ -61,12 +61,11 @@ BAUD_TOLERANCE = 0.03
 
 
 class Line:
-    """Devices on one pair of wires, and the adapter between them and the host. `now` is s of the clock of the caller.
+    """Devices on one pair of wires, and the adapter between them and the host.
 
-    `receive` takes bytes of the host; `take` returns those that have arrived by a time. Frames are carried out when
-    they are received, with the time of their last byte on the wire. connected: the devices on the wires. baud: of the
-    host's adapter, bits/s; devices at another rate receive noise. servos_free: when the servos' last byte is on the
-    wire, s. lost: bytes that were dropped because the host did not read.
+    Frames are carried out when they are received, with the time of their last byte on the wire. connected: devices on
+    the wires. baud: of the host's adapter, bits/s. servos_free: when the servos' last byte is on the wire, s. lost:
+    bytes that were dropped because the host did not read.
     """
 
     def __init__(

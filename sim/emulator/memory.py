@@ -16,8 +16,8 @@ class RegisterWrite(NamedTuple):
 class Memory:
     """The bytes of a control table, all zero at first. Holes read as 0 when a read also covers a defined register.
 
-    An indirect data byte stands for the byte at the address in its indirect address register. If that is indirect
-    data again, it is plain storage: a servo follows one step.
+    An indirect data byte stands for the byte at the address in its indirect address register, unless that is indirect
+    data again.
     """
 
     def __init__(self, table: ControlTable) -> None:

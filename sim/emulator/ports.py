@@ -164,9 +164,9 @@ _TCGETS2, _SPEED_WORD = 0x802C542A, 10
 class PseudoTerminal:
     """A line behind a pseudo-terminal and its link: any program can open it as a serial port (Linux).
 
-    Call `receive` when `fd` has bytes, `send` when some are due, `follow` when a fault may have unplugged or replugged
-    the adapter. fd: -1 while unplugged. path: of the pseudo-terminal. lost: bytes that the kernel did not take because
-    no client reads. too_late: by how much an answer was too late for its client, s: the most since this was last 0.
+    Call `receive` when `fd` has bytes, `send` when some are due, `follow` when a fault may have unplugged the adapter.
+    fd: -1 while unplugged. lost: bytes that the kernel did not take. too_late: greatest delay of an answer since this
+    was last 0, s.
     """
 
     def __init__(self, line: Line, link: Link) -> None:
@@ -209,8 +209,8 @@ class PseudoTerminal:
     def receive(self, now: float, late: float = 0.0) -> None:
         """Pass the bytes of the client to the line, at its baud rate. late: how long they may have waited, s.
 
-        A client that sends again while servos answer collides with them. If this process is late, though, the client
-        has waited in vain: its bytes come after the answer, and `too_late` is updated.
+        A client that sends again while servos answer collides with them, unless this process is late: then its bytes
+        come after the answer, and `too_late` is updated.
         """
         try:
             data = os.read(self.fd, CHUNK)
@@ -277,8 +277,7 @@ def serve(
     """Serve opened terminals until `until()` or the `deadline`, s on the clock.
 
     listen: further file descriptors and functions to call when they are readable; one that returns False is not called
-    again. A signal is noticed by a descriptor (signal.set_wakeup_fd). warn: receives messages that this machine is too
-    slow, at most every WARN_AGAIN s.
+    again. warn: receives messages that this machine is too slow, at most every WARN_AGAIN s.
     """
     others = dict(listen or {})
     warned, turned, waited = -math.inf, clock.now(), time_in_queue()

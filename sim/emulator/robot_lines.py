@@ -38,9 +38,9 @@ def devices_of(
 ) -> tuple[EmulatedServo | EmulatedServo1, ...]:
     """Return one device per servo, in order, with id, mode and homing offset of the profile, all else as delivered.
 
-    By bus: protocols 1 or 2; bauds: bits/s; return_delays: register values. start: ticks (n,), None: zero ticks.
-    as_delivered: id, mode and offset are the maker's, too. All share one supply. Raises HardwareError for a model
-    without a table and a baud rate that it lacks.
+    By bus: protocols; bauds: bits/s; return_delays: register values. start: ticks (n,), None: zero ticks. as_delivered:
+    id, mode and offset are the maker's, too. Raises HardwareError for a model without a table and a baud rate that it
+    lacks.
     """
     chance = random.Random(seed)
     shared, behaviour = Supply(), conduct or Conduct()
@@ -86,9 +86,9 @@ def robot_lines(
     """Return a line for each bus, by its name. start: ticks (n,), in the order of `servos`; now: s, from which faults
     count.
 
-    Servos have the settings of the profile; other ids are controllers such as the OpenCR of an OP3. powered: the power
-    switch is on at first. as_delivered: servos are new, and none is connected (see `connect`). imu: of the controllers;
-    None: upright and still. Raises HardwareError as `devices_of`.
+    Ids that no servo has are controllers such as the OpenCR of an OP3. powered: the power switch is on. as_delivered:
+    servos are new, and none is connected (see `connect`). imu: of the controllers; None: upright and still. Raises
+    HardwareError as `devices_of`.
     """
     devices = devices_of(
         servos,

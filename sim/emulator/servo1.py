@@ -132,7 +132,7 @@ class EmulatedServo1(ServoBody):
         self.tune()
 
     def answer(self, error: int = 0, data: bytes = b"") -> Answer:
-        """Return an answer with the lasting errors; with protocol 2.0 with the alert bit only."""
+        """Return an answer with the present errors; with protocol 2.0 with the alert bit only."""
         standing = self._wrong if self.protocol == 1 else ALERT * bool(self._wrong)
         return Answer(error | standing, data)
 

@@ -1,9 +1,8 @@
-"""The registers of a 2.0 servo at work: refused writes, control loop, goals, resets, position counting, bus watchdog.
+"""The registers of a 2.0 servo: refused writes, control loop, goals, resets, position counting, bus watchdog.
 
-Source: e-Manual, X series and protocol 2.0. Units that it leaves open are taken as PWM counts per tick of error (P),
-per tick and ms (I), per tick/ms (D and first feedforward). The default D gain belongs to the loop that the P gain alone
-describes, as in the mock bus; only what is set beyond it damps. The second feedforward gain and the velocity gains have
-no effect on a motor without inertia.
+Source: e-Manual, X series and protocol 2.0. Open units are taken as PWM counts per tick of error (P), per tick and ms
+(I), per tick/ms (D and first feedforward). Only a D gain beyond the default damps. The second feedforward gain and the
+velocity gains have no effect on a motor without inertia.
 """
 
 from enum import Enum

@@ -35,9 +35,8 @@ class ServoBuild:
 class ServoBody(Device):
     """A servo of a table, as the maker delivers it, that begins as `build`.
 
-    A subclass defines a start (`_reset`), a change of settings (`tune`), the reaction to errors (`note`) and the
-    registers that show its state (`live`). top: no-load speed at the nominal voltage, tick/s. started: when it last
-    woke, s. let_go: called with the time, s, when it stops driving.
+    A subclass defines a start (`_reset`), the reaction to errors (`note`) and the registers that show its state
+    (`live`). top: no-load speed at the nominal voltage, tick/s. let_go: called with the time, s, when it stops driving.
     """
 
     shown: tuple[int, int]

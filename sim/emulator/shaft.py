@@ -1,9 +1,8 @@
-"""The shaft of an emulated servo: its profile generator, and its motion under control loop, limits and a load.
+"""The shaft of an emulated servo: its profile generator and its motion.
 
-Positions are in the servo's own ticks and direction. The motor has no inertia: its speed is the share of full drive
-times the top speed. With a position loop, no profile and no I gain the motion is exact over any time, as that of
-`sim.servo_model.saturated_lag`. Otherwise it goes in at most MAX_STEPS steps per call, each exact for a goal of
-constant speed.
+Positions are in the servo's own ticks and direction. The motor has no inertia. With a position loop, no profile and no
+I gain the motion is exact over any time, as that of `sim.servo_model.saturated_lag`. Otherwise it goes in at most
+MAX_STEPS steps per call, each exact for a goal of constant speed.
 """
 
 import math
@@ -171,12 +170,12 @@ class Mechanics(Protocol):
 
 
 class Shaft:
-    """Position of the shaft, tick, and its goal. Set attributes only at the time of the last `advance`, then `refresh`.
+    """A shaft and its goal. Set attributes only at the time of the last `advance`, then `refresh`.
 
     lag: of the position loop, s; inf without a P gain. integral: I over P gain, 1/s. forward: first feedforward over P
-    gain, s. full: no-load speed at full drive and the present supply, tick/s. drive_limit: share of full drive.
-    current_limit: A. target: goal position, tick. speed: goal of the other laws: velocity tick/s, current A, or share
-    of full drive. ramp: acceleration towards a goal velocity, tick/s^2. mechanics: turns it; None: the motion here.
+    gain, s. full: no-load speed at full drive, tick/s. drive_limit: share of full drive. target: goal position, tick.
+    speed: goal of the other laws: tick/s, A, or share of full drive. ramp: tick/s^2. mechanics: turns it; None: the
+    motion here.
     """
 
     def __init__(self, position: float, top: float) -> None:

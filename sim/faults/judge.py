@@ -1,7 +1,6 @@
 """Judges runs with faults: the rules of every run, one fault in each state of the robot, several faults together."""
 
 import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -338,8 +337,12 @@ def verdict_of(row: Row, bench: Bench, *, when: When = When.MOVING) -> Verdict:
                 messages = (*trace.said, trace.stop.reason if trace.stop else "")
                 if not any(re.search(row.said, text) for text in messages):
                     wrong.append(f"no message says {row.said!r}")
-                if row.counted and not not_used(bench)[row.counted]:
-                    wrong.append(f"nothing was counted as {row.counted!r}")
+                if row.counted:
+                    stream = bench.stream
+                    parts = (stream.admission.refused, stream.decoder.dropped, stream.clock_map.dropped)
+                    not_used = (*parts, stream.playout.dropped, stream.validity.refused)
+                    if not any(part.reasons[row.counted] for part in not_used):
+                        wrong.append(f"nothing was counted as {row.counted!r}")
                 if trace.error:
                     wrong.append(f"it was raised: {trace.error}")
         case When.STOPPING:
@@ -368,13 +371,6 @@ def _idle(row: Row, trace: Trace) -> list[str]:
     if row.idle is Idle.ONLY_READS:
         wrong += not_reads(list(packets(trace.sent)), but=frozenset((opencr.ID,)))  # its power switch is written
     return wrong
-
-
-def not_used(bench: Bench) -> Counter[str]:
-    """Return how many datagrams and values were not used, by reason."""
-    stream = bench.stream
-    parts = (stream.admission.refused, stream.decoder.dropped, stream.clock_map.dropped, stream.playout.dropped)
-    return sum((part.reasons for part in (*parts, stream.validity.refused)), Counter[str]())
 
 
 # Several faults in one run: the reaction to the first, and after two the stronger one, each in time.
@@ -431,9 +427,9 @@ def reached(trace: Trace, row: Row, first: float, last: float) -> bool:
 def missing(trace: Trace, first: Struck, second: Struck, others: Sequence[Struck] = ()) -> list[str]:
     """Return the reactions to two faults that did not come in time, in words.
 
-    The first is judged by itself where its time is over before the second. Otherwise the stronger reaction counts from
-    the second on. others: faults that may hide one of them (a stream is silent); where they overlap, the stronger
-    reaction counts from the later one on.
+    The first is judged by itself if its time is over before the second. Otherwise the stronger reaction counts from the
+    second on. others: faults that may hide one of them; where they overlap, the stronger reaction counts from the later
+    one on.
     """
     one, other = (_onset_of(trace, struck.at) for struck in (first, second))
     if one is None:

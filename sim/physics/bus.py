@@ -115,8 +115,8 @@ SAME_TICK = 1e-3
 class SimulatedShafts:
     """A `sim.emulator.shaft.Mechanics` for all shafts (n,) of a robot, in servo order.
 
-    P gain, Goal PWM, torque and profile are those of the registers. Only position modes have a motor here; in others
-    the shaft is free. A reversed Drive Mode is ignored. begun: time 0 of the simulation on the line's clock, s.
+    Only position modes have a motor here; in others the shaft is free. A reversed Drive Mode is ignored. begun: time 0
+    of the simulation on the line's clock, s.
     """
 
     def __init__(self, simulation: Simulation, shafts: Sequence[Shaft], *, begun: float) -> None:

@@ -4,7 +4,7 @@ A sole touches the floor with small balls whose lowest points are the corners of
 tips, and cheap. The foot's own shapes do not collide with the floor.
 """
 
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from itertools import combinations
 from typing import Any
 
@@ -79,7 +79,7 @@ def sole_corners(polygon: FloatArray) -> FloatArray:
     if len(polygon) <= MAX_CORNERS:
         return polygon
 
-    def area(corners: tuple[int, ...]) -> float:  # shoelace formula, counter-clockwise
+    def area(corners: Iterable[int]) -> float:  # shoelace formula, counter-clockwise
         x, y = polygon[list(corners)].T
         return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2.0
 

@@ -262,9 +262,8 @@ NOTICED_V = 0.05
 class Electrics:
     """Electrical state of n servos, arrays (n,): voltage V, temperature degrees Celsius, alert bits.
 
-    A model that is not calibrated on hardware. Current is torque / kt. The power of all servos, mechanical and lost in
-    their windings, lowers the supply. A servo warms by its loss R i^2 with a first-order lag. trips: overload and
-    overheating become alerts.
+    Not calibrated on hardware. The power of all servos, mechanical and lost in their windings, lowers the supply. A
+    servo warms by its loss R i^2 with a first-order lag. trips: overload and overheating become alerts.
     """
 
     def __init__(self, drives: Sequence[Drive]) -> None:

@@ -101,8 +101,7 @@ def add_hand(spec: Any, root: str) -> None:
 class Hand:
     """Holds the root link of a compiled model, as a person holds a robot that cannot stand yet.
 
-    Until the first torque no time passes for the mechanics. From then on the hold of the root link softens, and ends
-    after RELEASE_S, once and for all.
+    Until the first torque no time passes for the mechanics. From then on the hold softens, and ends after RELEASE_S.
     """
 
     def __init__(self, model: Any, data: Any, root: int) -> None:

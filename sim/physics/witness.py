@@ -31,9 +31,8 @@ LIFTED_S = 0.05
 class PhysicsLog:
     """States, in single precision but for the time, and their sums and extremes.
 
-    slip_m (k,): horizontal path length of each sole while it carried: the mean of its corners, weighted by their loads.
-    So a sole that turns on the spot slips, and one that rocks on a fixed edge does not. worst_tilt: of a sole that
-    carried, rad. hottest (n,): degrees Celsius. self_contact_ticks: ticks with links in contact.
+    slip_m (k,): horizontal path length of each sole while it carried: the mean of its corners, weighted by their loads,
+    so that rocking on a fixed edge is no slip. worst_tilt: of a sole that carried, rad. hottest (n,): degrees Celsius.
     """
 
     def __init__(
@@ -119,9 +118,9 @@ class Fall:
 class FallWatch:
     """Judges states of a robot that stands on the floor.
 
-    It has fallen if every sole tilts more than MOST_TILT, if its pelvis (without such a frame its root link) is below
-    LOW_SHARE of its height in `stand` and REST_SHARE of that in `rest`, or if a link other than soles and hands touches
-    the floor in a posture other than `rest`. lowest: bound on the height of the pelvis, m.
+    It has fallen if every sole tilts more than MOST_TILT, if its pelvis (else its root link) is below LOW_SHARE of its
+    height in `stand` and REST_SHARE of that in `rest`, or if a link other than soles and hands touches the floor
+    outside `rest`. lowest: bound on the height of the pelvis, m.
     """
 
     def __init__(self, robot: RobotBody) -> None:
@@ -167,9 +166,9 @@ LOOK_S = 0.008
 class Witness:
     """The observer of a simulated robot.
 
-    state: of the last `look`. log: of every look since torque first went on. powered: servos have torque. at_rest: the
-    robot was in its rest posture when torque last went off, so that going down is sitting down. fall: the first; None:
-    it has not fallen, or hangs. toppled: how a robot at rest went down without torque, which is no `fall`.
+    log: of every look since torque first went on. at_rest: the robot was in its rest posture when torque last went off,
+    so that going down is sitting down. fall: the first; None: it has not fallen, or hangs. toppled: how a robot at rest
+    went down without torque, which is no `fall`.
     """
 
     def __init__(self, simulation: Simulation) -> None:
@@ -230,7 +229,7 @@ class Witness:
 
 
 class WitnessedBus:
-    """A `hardware.bus.ServoBus` that passes every call to another one, and observes the robot at each read."""
+    """A `hardware.bus.ServoBus` that passes every call to another one, with its errors, and observes the robot."""
 
     def __init__(self, bus: ServoBus, witness: Witness) -> None:
         self._bus = bus
@@ -238,25 +237,25 @@ class WitnessedBus:
         self.witness = witness
 
     def open(self) -> None:
-        """Open the other bus. Raises BusError as it does."""
+        """Open the other bus."""
         self._bus.open()
 
     def read(self) -> ServoStates:
-        """Read it, and add the contact state of the soles. Raises BusError as it does."""
+        """Read it, and add the contact state of the soles."""
         states = self._bus.read()
         self.witness.look()
         return replace(states, soles=self.witness.soles)
 
     def write(self, goals: ServoGoals) -> None:
-        """Write to it. Raises BusError as it does."""
+        """Write to it."""
         self._bus.write(goals)
 
     def limit_drive(self, share: float) -> None:
-        """Limit its drive. Raises BusError as it does."""
+        """Limit its drive."""
         self._bus.limit_drive(share)
 
     def torque(self, on: bool) -> None:
-        """Switch its torque. Raises BusError as it does."""
+        """Switch its torque."""
         try:
             self._bus.torque(on)
         finally:

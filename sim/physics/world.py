@@ -38,9 +38,8 @@ class World:
     """A compiled world and the meaning of its indices.
 
     model: `mujoco.MjModel`. drives: in servo order. root: index of the root link. free: the root moves. columns (nj,):
-    columns of the joints of the robot's q, without its root, in the engine's. soles: frames on their links, in the
-    order of the profile. owners (ngeom,): 0 the floor, 1 + i the foot of sole i, HANDS, ROBOT or FIXTURES. start: the
-    engine's coordinates at the beginning.
+    of the joints of the robot's q, without its root, in the engine's. owners (ngeom,): 0 the floor, 1 + i the foot of
+    sole i, HANDS, ROBOT or FIXTURES. start: first coordinates of the engine.
     """
 
     robot: RobotBody
