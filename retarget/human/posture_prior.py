@@ -168,7 +168,7 @@ class Crouch:
 
 
 # Feet that are not measured stay planted while the head moves above them, and then step after it. The middle of walking
-# feet goes at the head's own velocity. In a jump the feet leave the floor.
+# feet goes at the head's own velocity.
 
 HEAD_AHEAD_M = (0.03, 0.40)  # [m] the head is ahead of the ankles, upright and in a deep crouch
 REACH_M = 0.12  # [m] a standing performer's head may wander before the feet follow

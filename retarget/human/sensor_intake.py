@@ -1,8 +1,7 @@
 """Sensor intake: goals of the body that follow the sensors without jumps, within the reach of a body.
 
 The goal of a lost sensor stands still for a while, as does that of a sensor that jumps: most jumps come back. A sensor
-that is back, or stays where it jumped to, is blended in: its goal goes from where it was to the sensor. After a hold
-all sensors are blended in slowly, from where the body has them.
+that is back, or stays where it jumped to, is blended in: its goal goes from where it was to the sensor.
 """
 
 from collections.abc import Sequence

@@ -102,8 +102,8 @@ class KeepClear:
 
     It takes colliding spheres, capsules, cylinders and boxes, and planes of the world. Within `influence` (m) shapes
     approach at `speed` (m/s) at most, less the nearer they are, and at `margin` (m) not at all. Shapes that touch
-    separate at 0.1 m/s. Neighbouring links, and shapes that touch the world at the start, are left out. ignored: pairs
-    of links that may touch.
+    separate at 0.1 m/s. Neighbouring links, and shapes that touch the world at the start, are left out, as are
+    `ignored` pairs.
     """
 
     margin: float = 0.01

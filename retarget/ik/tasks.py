@@ -101,9 +101,8 @@ def compile_task(
 ) -> list[Slot]:
     """Slots of one task; none for observers on a body without any.
 
-    limbs: of limb tasks. lengths: m, of landmarks, for weights per length. observers: names in order. fed: names whose
-    targets will ever be set; tasks on others are left out. is_soft: True in a last level with a posture, where `weight`
-    is a stiffness.
+    lengths: m, of landmarks, for weights per length. fed: names whose targets will ever be set; tasks on others are
+    left out. is_soft: True in a last level with a posture, where `weight` is a stiffness.
 
     Raises ConfigError: a task that is not optional names what the body lacks, or observers are in a soft level.
     """

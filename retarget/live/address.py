@@ -166,8 +166,8 @@ class StreamAddress:
     """The address of a stream, and the senders that are allowed.
 
     text: as written. kind: one of KINDS. bind: bound IPv4 address (0.0.0.0: every interface; the group of a multicast).
-    port: of UDP, 0 for any. host: the NatNet server. multicast, interface: group, and own address on its interface
-    (0.0.0.0: the system chooses). up, bones: settings of Motive. recorded: kind of a replay, where given.
+    port: of UDP, 0 for any. host: the NatNet server. interface: own address where the group is joined (0.0.0.0: the
+    system chooses). up, bones: settings of Motive. recorded: kind of a replay, where given.
     """
 
     text: str

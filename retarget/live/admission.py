@@ -61,8 +61,7 @@ class Admission:
     """Decides which datagrams reach the decoder.
 
     The first source of a frame that can be decoded owns the stream, until it is silent for RELEASE_AFTER_S while
-    nothing moves. `moving` is True from the measurement of a performer on, and in every state in which the stream
-    affects servos, holds included. refused: counts by reason.
+    nothing moves. `moving` is True from the measurement of a performer on, holds included. refused: counts by reason.
     """
 
     def __init__(

@@ -42,9 +42,8 @@ class LiveOptions:
     """Options of the beginning of a live run.
 
     patience: s of waiting for data. countdown: s to get into the pose. duration: s of the run, None: until it is
-    stopped. mirror: swap left and right. stature: m, if known. latest: use the newest poses, without a playout buffer.
-    mirrored_camera: the camera shows a mirror image. person: name under which the size is kept. recalibrate: measure a
-    known person, too.
+    stopped. stature: m, if known. latest: use the newest poses, without a playout buffer. person: name under which the
+    size is kept. recalibrate: measure a known person, too.
 
     Raises UsageError for a countdown or a stature out of range.
     """
@@ -223,8 +222,7 @@ class Beginning:
     def _captured(self, capture: RestCapture, size: HumanDimensions | None) -> Calibrated:
         """The calibration from the first interval of standing still.
 
-        A silent stream is reported at once, and is then the reason of the InputError at the end. Problems of the pose
-        are reported when they change, at most every MESSAGE_S.
+        A silent stream is reported at once, and is then the reason of the InputError at the end.
         """
         problems, names = StreamProblems(self.stream), self.stream.roles.sensors
         end, look = self.clock.now() + self.options.patience + CAPTURE_S, 0.0

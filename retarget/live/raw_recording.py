@@ -96,7 +96,7 @@ class RawTap:
     """Takes datagrams in the tick, and writes them in a thread, so that the tick does not wait for the disk.
 
     A disk that is full or gone ends the recording and nothing else: `failure` gives the reason. `lost` counts the
-    datagrams that come then, or faster than the disk. Memory is bounded.
+    datagrams that come then, or faster than the disk.
     """
 
     def __init__(self, writer: RawWriter, *, notify: Notify = lambda text: None) -> None:

@@ -185,8 +185,8 @@ class UdpReceiver:
     def _arrival(self, control: list[tuple[int, int, bytes]], now: float) -> float:
         """Arrival of a datagram by the kernel, s on the clock of `now`; `now` if unknown.
 
-        The wall clock may be set at any time. A late time does no harm, as the least delay counts. After an early one
-        the offset is measured anew.
+        The wall clock may be set at any time. A late time does no harm, after an early one the offset
+        is measured anew.
         """
         arrival = now
         for _, kind, content in control:

@@ -36,9 +36,8 @@ Rows = NDArray[np.int64]
 class PoseSource:
     """The sender's poses of which a sensor's pose is made. position, orientation: names of poses, "" for none.
 
-    standing: the sent orientation, wxyz, of a person who stands upright, faces x and lets the arms hang, thumbs
-    forward. offset: from the joint to the sent point, m, in that pose. loose: the sensor sits beside the joint at an
-    unknown offset.
+    standing: the sent orientation, wxyz, of a person who faces x and lets the arms hang, thumbs forward. offset: from
+    the joint to the sent point, m, in that pose. loose: the sensor sits beside the joint at an unknown offset.
     """
 
     position: str

@@ -339,9 +339,9 @@ class LiveReport:
     """The report on a live run's stream.
 
     frames, datagrams: from the beginning on, calibration included. dropped: counts of unused data by reason. refused:
-    senders that were ignored. lost_s: time that each sensor was invalid while the robot followed or held.
-    playout_delay_ms: at the end. latency_ms: by stage: "goal" from the arrival of a frame to the first goals after it;
-    of `web://` also "page" from the capture of a picture to its sending, and "network" half of a round trip.
+    senders that were ignored. lost_s: time that each sensor was invalid while the robot followed or held. latency_ms:
+    by stage: "goal" from the arrival of a frame to the first goals after it; of `web://` also "page" from the capture
+    of a picture to its sending, and "network" half of a round trip.
     """
 
     address: str

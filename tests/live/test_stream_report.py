@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hardware.clock import VirtualClock
-from live_rig import LiveRig, five, live_stream
+from live_rig import ClockedSender, LiveRig, five, live_stream
 from live_rig import five as five_sensors
 from messages import refuses, shows
 from mvn_packets import quaternions, standing
@@ -139,7 +139,7 @@ NEW_PORTS = [lambda since, until: [Datagram(until, ("127.0.0.1", 1024 + round(1e
 @pytest.mark.parametrize(
     ("sender", "reason", "step"),
     [
-        (FakeSender(stamp=lambda time: 1e3 * time), "looks like milliseconds", "its time in seconds"),
+        (ClockedSender(lambda time: 1e3 * time), "looks like milliseconds", "its time in seconds"),
         (FakeSender(faults=[lambda time, poses: poses if time < 0.1 else None]), "a new socket", "keep one socket"),
     ],
 )
@@ -175,7 +175,7 @@ def test_another_sender_is_reported_once(allow: str, message: str) -> None:
 
 def test_a_clock_that_jumps_is_reported_once_for_each_direction() -> None:
     said: list[str] = []
-    stamps = FakeSender(stamp=lambda time: 1000.0 + time + (3600.0 if 0.5 < time < 1.5 or time > 2.5 else 0.0))
+    stamps = ClockedSender(lambda time: 1000.0 + time + (3600.0 if 0.5 < time < 1.5 or time > 2.5 else 0.0))
     stream = live_stream(stamps, five())
     polled(stream, said, seconds=3.5)
     assert said == [f"the sender's clock jumped {way} by 3600.00 s" for way in ("forward", "back")]
@@ -414,7 +414,7 @@ def test_a_page_is_advised_as_a_page() -> None:
 
 def test_a_page_whose_pictures_stall_has_no_clock_that_jumps() -> None:
     said: list[str] = []
-    stamps = FakeSender(stamp=lambda time: 1000.0 + time + (0.15 if 0.5 < time < 1.5 else 0.0))
+    stamps = ClockedSender(lambda time: 1000.0 + time + (0.15 if 0.5 < time < 1.5 else 0.0))
     stream = live_stream(stamps, five())
     stream.kind = "web"
     polled(stream, said, seconds=2.5)

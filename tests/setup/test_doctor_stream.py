@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from doctor_rig import FRAMES, HERE, captured, fixes, json_poses, judged, played, steady, text_of
 from hardware.clock import MonotonicClock, VirtualClock
-from live_rig import five
+from live_rig import ClockedSender, five
 from messages import Facts, shows, shows_lines
 from mvn_packets import mvn, quaternions, standing
 from natnet_packets import Motion, Pose, frame
@@ -25,7 +25,7 @@ from retarget.schema.performer import load_performer
 from retarget.setup.doctor_sensors import StreamCapture, invented_findings, rate_findings, role_findings
 from retarget.setup.doctor_stream import silence_findings, stream_findings
 from retarget.sources.streams.natnet_wire import Version
-from sim.faults.sender import FakeSender, SenderFault, frozen, lost, moved, silent, swapped
+from sim.faults.sender import SenderFault, frozen, lost, moved, silent, swapped
 
 JSON = "json://:14150"
 ONE = json_poses(1.0, {"head": {"p": [0, 0, 1]}})
@@ -235,7 +235,7 @@ def test_what_is_wrong_with_the_rate(case: str) -> None:
     ],
 )
 def test_clocks(stamp: Callable[[float], float], words: str) -> None:
-    found = rate_findings("json", captured(sender=FakeSender(frames=FRAMES, stamp=stamp)))
+    found = rate_findings("json", captured(sender=ClockedSender(stamp, FRAMES)))
     assert words in "\n".join(fixes(found))
 
 

@@ -2,7 +2,7 @@
 
 import select
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -27,8 +27,20 @@ from retarget.schema.performer import Performer, load_performer
 from retarget.types import BoolArray, FloatArray
 from sim.faults.sender import FakeSender
 from sim.mock_bus import MockBus, mock_bus
+from sim.performer import synthetic_performer
 
 WHERE = "json://:7000"
+
+
+class ClockedSender(FakeSender):
+    """A sender whose clock is any function of its own time, s."""
+
+    def __init__(self, clock: Callable[[float], float], frames: SensorFrames | None = None) -> None:
+        super().__init__(synthetic_performer() if frames is None else frames)
+        self._clock = clock
+
+    def stamp(self, time: float) -> float:
+        return self._clock(time)
 
 
 def live_stream(sender: FakeSender, performer: Performer) -> LiveStream:
