@@ -26,7 +26,7 @@ LEROBOT := .venv-lerobot
 LEROBOT_PYTHON ?= $(shell for p in python3.12 python3.13 python3; do \
 	$$p -c 'import sys; sys.exit(not (3, 12) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && { echo $$p; break; }; done)
 
-.PHONY: help web browser demo test lint golden golden-store same-bits bench bench-bus bench-tick bench-lateness bench-latency bench-viewer bench-physics paper gallery pictures robustness mutants fuzz long lerobot docs docs-tables wheels clean machine
+.PHONY: help web browser demo test lint golden golden-store same-bits bench bench-bus bench-tick bench-lateness bench-latency bench-viewer bench-physics paper gallery pictures robustness mutants fuzz long slow-part lerobot docs docs-tables wheels clean machine
 
 help:
 	@echo 'make demo    a performer waves and squats, an OP3 on emulated servos follows; report and pictures in out/demo'
@@ -51,7 +51,8 @@ help:
 	@echo 'make robustness  in how many runs under perturbations it stands; takes hours'
 	@echo 'make mutants  every protection of guard, gate, supervisor, loop, readers and writers removed in turn: does a test fail?'
 	@echo 'make fuzz N=100000  so many damaged files of every kind: each is read, or refused by a message'
-	@echo 'make long    the slow tests, a second to minutes each'
+	@echo 'make long    the slow tests, a second to minutes each; ten hours of one core'
+	@echo 'make slow-part  the sixtieth of them that is due today, in at most 8 minutes; DAY=N for that of another day of the year'
 	@echo 'make docs-tables  the measured tables of the pages, from docs/tables and from what is computed in a second'
 	@echo 'make docs    the documentation site in out/site; it opens from disk'
 	@echo 'make wheels  wheels for x86-64 and aarch64 and an sdist in wheels/, tried in an empty environment; minutes'
@@ -66,10 +67,16 @@ demo: $(VENV)/.with-base
 
 test: $(VENV)/.with-test
 	CARGO_PROFILE_RELEASE_LTO=off cargo test --release --lib --locked --quiet --features count-allocations --manifest-path $(MANIFEST)
-	$(BIN)/python -m pytest -n $(JOBS) -m 'not long' $(PYTEST)
+	$(BIN)/python -m pytest -n $(JOBS) -m 'not long' --durations 20 $(PYTEST)
 
 long: $(VENV)/.with-test
 	$(BIN)/python -m pytest -m long --timeout 0 $(PYTEST)
+
+DAY ?= $(shell date +%j | sed 's/^0*//')
+
+slow-part: $(VENV)/.with-test
+	@echo 'The part of the slow tests for day $(DAY) of the year, in at most 8 minutes. Again: make slow-part DAY=$(DAY)'
+	$(BIN)/python -m pytest -n $(JOBS) -m long --part $(DAY) --minutes 8 --timeout 0 --durations 20 $(PYTEST)
 
 # iwer stands in for a headset.
 IWER := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/retarget/iwer-2.5.0
@@ -157,7 +164,7 @@ robustness: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.robustness --jobs $(JOBS) $(BENCH)
 
 mutants: $(VENV)/.with-test
-	$(BIN)/python tests/mutants/run.py $(MUTANTS)
+	$(BIN)/python tests/support/mutants.py $(MUTANTS)
 
 fuzz: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.fuzz --cases $(or $(N),100000) --jobs $(JOBS) $(FUZZ)

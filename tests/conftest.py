@@ -8,15 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from messages import (  # noqa: F401  # hooks: pytest finds them here
-    pytest_addoption,
-    pytest_collection_modifyitems,
-    pytest_configure,
-    pytest_runtest_call,
-    pytest_sessionfinish,
-    pytest_sessionstart,
-    pytest_testnodedown,
-)
+pytest_plugins = ["messages", "rotation"]
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -91,7 +91,7 @@ def _again(found: "Recording", outputs: "Outputs", robot: str | None) -> int:
         echo(f"{found.path}: {session.source or 'a run'} on {configs.options.robot}, --bus {session.bus}")
         for line in again.difference.lines():
             echo(line)
-        if again.result.reason:
+        if again.result.reason and found.whole:
             echo(f"it stops again: {again.result.reason}")
         problems: tuple[str, ...] = ()
         if outputs.report or outputs.save:

@@ -1,8 +1,6 @@
 """What `retarget faults` may run, as data, and its command line; pairs and long random runs, which take hours."""
 
-import os
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from collections.abc import Iterable
 from multiprocessing.reduction import ForkingPickler
 
 import pytest
@@ -13,8 +11,6 @@ from sim.faults import cases
 from sim.faults.cases import LIVE, Case, judged_case, pair_cases, row_cases, seed_cases
 from sim.faults.judge import Verdict, When
 from sim.faults.rows import APPROACHED, ROWS
-
-JOBS = max((os.cpu_count() or 1) - 1, 1)
 
 
 def test_every_pair_is_there_once_in_every_state() -> None:
@@ -35,9 +31,8 @@ def test_cases_and_results_can_go_to_another_process() -> None:
     assert len(ForkingPickler.dumps([*every, *found])) > 0
 
 
-def _wrong(cases: list[Case]) -> dict[str, tuple[str, ...]]:
-    with ProcessPoolExecutor(JOBS, mp_context=get_context("spawn")) as pool:
-        return {result.name: result.wrong for result in pool.map(judged_case, cases, chunksize=4) if result.wrong}
+def wrong(cases: Iterable[Case]) -> dict[str, tuple[str, ...]]:
+    return {result.name: result.wrong for result in map(judged_case, cases) if result.wrong}
 
 
 @pytest.mark.long
@@ -47,14 +42,20 @@ def test_limbs_that_press_together_do_not_keep_a_stop_from_its_end() -> None:
     assert verdict.wrong == (), verdict.name
 
 
-@pytest.mark.long
-def test_every_pair_harms_nothing() -> None:
-    assert _wrong(pair_cases()) == {}
+PAIRS_A_TEST, SEEDS_A_TEST = 40, 4
+"""Runs of one test: together they take a minute."""
 
 
 @pytest.mark.long
-def test_a_thousand_long_random_runs_harm_nothing() -> None:
-    assert _wrong(seed_cases(range(1000), seconds=60.0)) == {}
+@pytest.mark.parametrize("first", range(0, len(pair_cases()), PAIRS_A_TEST))
+def test_every_pair_harms_nothing(first: int) -> None:
+    assert wrong(pair_cases()[first : first + PAIRS_A_TEST]) == {}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(0, 1000, SEEDS_A_TEST))
+def test_a_thousand_long_random_runs_harm_nothing(first: int) -> None:
+    assert wrong(seed_cases(range(first, first + SEEDS_A_TEST), seconds=60.0)) == {}
 
 
 def leave(*words: str) -> object:

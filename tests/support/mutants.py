@@ -25,7 +25,7 @@ from pathlib import Path
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
-LIST = Path(__file__).with_name("mutants.yaml")
+LIST = ROOT / "tests" / "mutants.yaml"
 LEFT_OUT = (".*", "out", "target", "wheels", "__pycache__", "node_modules")
 """What is not copied."""
 TIME_LIMIT_S = 300.0

@@ -1,0 +1,32 @@
+"""Every protection of guard, gate, supervisor and loop has a test that fails without it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from mutants import FAILED, LIST, PASSED, TIME_LIMIT_S, applied, copied, listed, tested
+
+NAMES = [entry["name"] for entry in yaml.safe_load(LIST.read_text(encoding="utf-8"))]
+
+
+def test_the_list_of_mutants_fits_the_files() -> None:
+    assert len(listed()) >= 30
+
+
+@pytest.fixture(scope="module")
+def copy() -> Iterator[Path]:
+    with copied() as folder:
+        yield folder
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", NAMES)
+def test_a_mutant_is_caught(name: str, copy: Path) -> None:
+    (mutant,) = (one for one in listed() if one.name == name)
+    code, output = tested(copy, mutant.tests, keeps_bytecode=True, seconds=TIME_LIMIT_S)
+    assert code == PASSED, f"without the mutant:\n{output}"
+    with applied(mutant, copy):
+        code, output = tested(copy, mutant.tests, seconds=TIME_LIMIT_S)
+    assert code == FAILED, f"with it:\n{output}"
