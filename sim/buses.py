@@ -107,10 +107,7 @@ def physics_wire_bus(
     faults: Path | None = None,
     notify: Callable[[str], object] = lambda note: None,
 ) -> WitnessedBus:
-    """Make the bus of a robot with mass below emulated servos and the robot's own driver (see `emulated_bus`).
-
-    Latency is that of the wires. Raises ConfigError as `emulated_bus` does.
-    """
+    """Make the bus of a robot with mass below emulated servos (see `emulated_bus`). Raises ConfigError."""
     robot = simulation.world.robot
     start = robot.joint_map.to_ticks(simulation.world.start_angles)
     bus = emulated_bus(robot, clock, start=start, faults=faults, simulation=simulation, notify=notify)
@@ -127,11 +124,8 @@ def simulation_of(
     seed: int = 0,
     notify: Callable[[str], object] = lambda note: None,
 ) -> Simulation:
-    """Build the mechanics of a robot whose servos begin at `start`, ticks (n,), on the mount of its profile or `mount`.
-
-    notify: receives what is left out of the scene. The same seed gives the same bits. Raises ConfigError (see
-    `build_world`).
-    """
+    """Build the mechanics of a robot whose servos begin at `start`, ticks (n,). mount: None: of its profile. notify:
+    receives what is left out of the scene. Raises ConfigError (see `build_world`)."""
     perturbation = NOMINAL if perturbation is None else perturbation
     world = build_world(
         robot,

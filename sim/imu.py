@@ -72,9 +72,8 @@ class PlantedMotion:
 
 @dataclass(frozen=True)
 class ImuErrors:
-    """Errors of a sensor: standard deviations of the constant bias and of the noise of each reading, of angles, rad,
-    angular velocity, rad/s, and acceleration, m/s^2. delay: age of a reading, s; dropouts: share of missing
-    readings."""
+    """Errors of a sensor: standard deviations of constant bias and of noise, of angles, rad, angular velocity, rad/s,
+    and acceleration, m/s^2. delay: age of a reading, s; dropouts: share of missing readings."""
 
     angle_bias: float = 0.005
     angle_noise: float = 0.001

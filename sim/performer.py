@@ -120,8 +120,7 @@ def gesturing_performer(seed: int = 4, *, rate_hz: float = RATE_HZ) -> SensorFra
 STROLL_S, STROLL_STEP_S = (1.5, 11.1, 14.0), 0.8
 """Begin and end of a stroll, end of its recording, and time of a step, s."""
 STROLL_SPEED, STROLL_LIFT, STROLL_HEIGHT = 0.38, 0.07, 0.95
-"""Speed, m/s, slow enough for a robot of a quarter of the size at half speed; lift of the feet, height of the pelvis,
-m."""
+"""Speed, m/s, for a robot of a quarter of the size at half speed; lift of the feet and height of the pelvis, m."""
 STROLL_ARMS = (22.0, 12.0)
 """Swing of shoulders and elbows, degrees."""
 

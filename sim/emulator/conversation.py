@@ -138,8 +138,7 @@ Turn = tuple[Sequence[Device], ReadItem]
 
 
 class Conversation:
-    """Replies of devices to the valid frames of a line. `now` is s of the line's clock. noise: generator of the bytes
-    of a collision."""
+    """Replies of devices to the valid frames of a line. noise: generator of the bytes of a collision."""
 
     def __init__(self, *, conduct: Conduct | None = None, noise: random.Random | None = None) -> None:
         self._conduct = conduct or Conduct()

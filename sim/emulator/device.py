@@ -132,7 +132,7 @@ class Device:
         return 0 if part.register.allows(part.value) else Error2.DATA_RANGE
 
     def react(self, names: set[str], now: float) -> None:
-        """Apply the registers `names`, which have just been written."""
+        """Apply the written registers `names`."""
         self.tune()
 
     def show(self, address: int, length: int, now: float) -> None:
@@ -147,7 +147,7 @@ class Device:
         return self.answer(self.unknown)
 
     def supply(self, volts: float | None, now: float) -> None:
-        """Set the supply voltage in V; None: nominal, which sags with the current. A very low one is a brown-out."""
+        """Set the supply voltage in V; None: nominal, which sags with the current."""
 
     def heat(self, celsius: float | None, now: float) -> None:
         """Set the temperature in degrees Celsius; None: that of the model."""

@@ -177,8 +177,7 @@ EVERY_KIND = frozenset(FaultKind)
 
 
 def load_fault_plan(path: Path, buses: Buses, *, kinds: Collection[FaultKind] = EVERY_KIND) -> FaultPlan:
-    """Read a fault file for a robot with these buses. kinds: those that can be played. Raises ConfigError with all its
-    problems."""
+    """Read a fault file for a robot with these buses. kinds: those that can be played. Raises ConfigError."""
     return read_model(FaultPlan, path, check=lambda _, document: _problems(document, buses, kinds))
 
 

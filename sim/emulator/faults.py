@@ -145,7 +145,7 @@ RATES = (1e-3, 1e-1)
 
 
 def random_faults(seed: int, ids: Sequence[int], duration: float) -> tuple[Fault, ...]:
-    """Draw three to eight faults within `duration` s, each for at most a fifth of it; the same for the same seed."""
+    """Draw three to eight faults within `duration` s, each for at most a fifth of it."""
     chance = random.Random(seed)
     faults = []
     for _ in range(chance.randint(3, 8)):

@@ -14,7 +14,7 @@ from sim.emulator.fault_state import FaultState
 BITS_PER_BYTE = 10.0
 """8N1: a start bit, eight bits, a stop bit."""
 REAL_TIME_GAP = 20e-3
-"""`LineTiming.gap` for clients in real time, s: a busy machine pauses a client for longer than 1.5 ms."""
+"""`LineTiming.gap` for clients in real time, which a busy machine pauses, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,6 +209,6 @@ class Line:
 
 
 def pieces(data: bytes) -> list[bytes]:
-    """Split before each header of protocol 2.0. Stuffing keeps headers out of frames, so each piece ends a frame."""
+    """Split before each header of protocol 2.0: stuffing keeps headers out of frames."""
     before, *framed = data.split(protocol2.HEADER)
     return ([before] if before or not framed else []) + [protocol2.HEADER + rest for rest in framed]

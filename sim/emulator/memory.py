@@ -53,7 +53,7 @@ class Memory:
         return bool(self.value_or(name, 0) & mask)
 
     def put(self, name: str, value: int) -> None:
-        """Set a register, whatever its access, clipped to its width; nothing where the model does not have it."""
+        """Set a register, clipped to its width; nothing if the model does not have it."""
         if self.table.has(name):
             self.store(self.table[name], value)
 
@@ -91,8 +91,8 @@ class Memory:
         return any(first <= self.target(place) < last for place in range(address, end))
 
     def parts(self, address: int, data: bytes) -> list[RegisterWrite] | Error2:
-        """Return the registers that a write covers, in order, or its error: DATA_LENGTH for a register that is not
-        covered to its end, ACCESS for a hole, a read-only register and the end of the table."""
+        """Return the registers that a write covers, in order, or its error: DATA_LENGTH for a part of a register,
+        ACCESS for a hole, a read-only register and the end of the table."""
         if not data:
             return Error2.DATA_LENGTH
         if address + len(data) > len(self.image):

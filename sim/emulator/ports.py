@@ -110,10 +110,8 @@ class Link:
         self._target: str | None = None
 
     def check(self) -> None:
-        """Raise UsageError if no link can be made here: no such folder, or the path is taken.
-
-        A link to a pseudo-terminal that is gone is of an emulator that was killed, and may be replaced.
-        """
+        """Raise UsageError if no link can be made here: no such folder, or the path is taken. A link to a
+        pseudo-terminal that is gone is of an emulator that was killed, and may be replaced."""
         folder, where = self.path.parent, str(self.path)
         if not os.access(folder, os.W_OK | os.X_OK):
             step = "Make the folder, or name one of your own"
@@ -246,8 +244,7 @@ class PseudoTerminal:
         return min(math.inf if due is None else due - EARLY, math.inf if change is None else change)
 
     def follow(self, now: float) -> None:
-        """Hang up while the line is unplugged, and open again afterwards. Raises UsageError if the path of the link was
-        taken meanwhile."""
+        """Hang up while the line is unplugged, and open again afterwards. Raises UsageError if the path was taken."""
         gone = self.line.unplugged(now)
         if gone and self.fd >= 0:
             self.close()
@@ -309,7 +306,7 @@ def serve(
 
 
 def time_in_queue() -> float:
-    """Return how long this thread has waited for a processor since it began, s; 0 if Linux does not report it."""
+    """Return how long this thread has waited for a processor, s; 0 if Linux does not report it."""
     with suppress(OSError, ValueError, IndexError):
         return 1e-9 * int(Path("/proc/thread-self/schedstat").read_bytes().split()[1])
     return 0.0

@@ -123,8 +123,7 @@ def robot_lines(
 
 
 def connect(lines: Mapping[str, Line], servos: Sequence[ServoSpec], joints: Collection[str]) -> None:
-    """Connect only the servos of these joints, beside the devices that are no servos. lines: of the robot with these
-    `servos`, by bus."""
+    """Connect only the servos of these joints, and the devices that are no servos."""
     for name, line in lines.items():
         own = [servo.joint for servo in servos if servo.bus == name]
         chosen = [device for joint, device in zip(own, line.devices, strict=False) if joint in joints]

@@ -137,7 +137,7 @@ class EmulatedServo1(ServoBody):
         return Answer(error | standing, data)
 
     def error_of(self, error: Error2) -> int:
-        """Return an error of the memory; protocol 1.0 has a single one for every bad range of registers."""
+        """Return an error of the memory; protocol 1.0 has one for every bad range."""
         return Error1.RANGE if self.protocol == 1 else error
 
     def live(self, now: float) -> dict[str, float]:
@@ -206,8 +206,7 @@ class EmulatedServo1(ServoBody):
         return 0 if low <= value <= high else self._refusals.limit
 
     def react(self, names: set[str], now: float) -> None:
-        """Apply the registers `names`, which have just been written. A goal position or moving speed switches torque on
-        (field knowledge)."""
+        """Apply the written registers `names`. A goal position or moving speed switches torque on (field knowledge)."""
         if {"torque_enable", "torque_limit"} & names:
             self._overload = False
             self.check()

@@ -113,7 +113,7 @@ class EmulatedServo(ServoBody):
             watchdog.feed(now)
 
     def read(self, address: int, length: int, now: float) -> Answer:
-        """Return the bytes of a range, or the error for it. The motion, which a host reads every cycle, is quick."""
+        """Return the bytes of a range, or its error. The motion, which hosts read every cycle, is quick."""
         end = address + length
         if MOTION <= address < end <= MOTION_END:
             self.catch_up(now)
@@ -221,7 +221,7 @@ class EmulatedServo(ServoBody):
         return Answer(error | alert, b"")
 
     def react(self, names: set[str], now: float) -> None:
-        """Apply the registers `names`, which have just been written."""
+        """Apply the written registers `names`."""
         memory = self.memory
         if not names <= GOALS:
             mode = memory.value("operating_mode")

@@ -138,7 +138,7 @@ def aim(shaft: Shaft, memory: Memory, *, tick: float, now: float, fresh: bool) -
 
 
 def reset_for_mode(memory: Memory) -> None:
-    """Reset gains, profile, goal PWM and goal current, as a change of the operating mode does (e-Manual, 11)."""
+    """Reset gains, profile, goal PWM and goal current with the operating mode (e-Manual, 11)."""
     for register in memory.table.registers:
         if register.name.endswith("_gain"):
             memory.store(register, register.initial or 0)
@@ -255,8 +255,7 @@ WATCHDOG_STEP = 0.02  # [s] of register 98
 
 
 class FedBy(Enum):
-    """The valid instructions that feed the watchdog. The e-Manual names 'all instruction packets', and leaves open
-    whether those for other ids count."""
+    """The instructions that feed the watchdog: the e-Manual does not say whether those for other ids count."""
 
     ANY = "any"
     """All on the line."""
@@ -274,7 +273,7 @@ class BusWatchdog:
         self._period = 0.0
 
     def arm(self, value: int, now: float, *, torque: bool) -> None:
-        """Begin to count at `now` (s) for a value of the register; a value of 0 or less, or no torque: off."""
+        """Begin to count at `now` (s); a value of 0 or less, or no torque, switches it off."""
         self._period = max(value, 0) * WATCHDOG_STEP
         self.deadline = now + self._period if self._period and torque and not self.tripped else inf
 

@@ -14,7 +14,7 @@ from sim.servo_model import AMBIENT
 REALTIME_TICKS = 32768  # [ms] after which the realtime tick wraps
 
 VOLTAGE, HEAT, OVERLOAD = 0x01, 0x04, 0x20
-"""Bits of errors: in every status of protocol 1.0, in Hardware Error Status (70) of the X layout."""
+"""Bits of errors in a status of protocol 1.0 and in Hardware Error Status (70) of the X layout."""
 BOOT_TIME = 0.2  # [s] not documented; long enough for the pauses of field software
 
 

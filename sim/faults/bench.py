@@ -112,7 +112,7 @@ class Trace:
         return self.stopped(-inf)
 
     def torque_off_at(self, since: float) -> float | None:
-        """Return when, s, torque off was commanded, or the guard had given up the bus, from a time on."""
+        """Return when, s, torque was switched off or the bus given up, from a time on."""
         seen = (torque_off(written(self.sent), since), self.first(STOPPED, since))
         return min((time for time in seen if time is not None), default=None)
 

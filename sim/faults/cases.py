@@ -1,4 +1,4 @@
-"""The cases of `retarget faults` as data that can be sent to another process, and random runs with several faults."""
+"""Cases of `retarget faults` that can be sent to another process, and random runs with several faults."""
 
 import random
 from collections.abc import Iterable
@@ -28,10 +28,7 @@ FEWEST, MOST = 2, 5
 
 
 def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
-    """Make and judge a run of so many virtual seconds of following, unless a fault ends it.
-
-    Judged are the rules of every run, and the reaction to the harsh fault.
-    """
+    """Make and judge a run of `seconds` of following, unless a fault ends it."""
     chance = random.Random(seed)
     mild, harsh = (
         [row for row in LIVE if BOUNDS.reactions[row.reaction.name].harmless is harmless] for harmless in (True, False)
@@ -55,10 +52,8 @@ PAIRED = (When.IDLE, When.MOVING, When.STOPPING)
 
 @dataclass(frozen=True)
 class Case:
-    """One run. name: of its row, or of the first of two; second: of the other; when: state of the robot.
-
-    seed: of a random run of `seconds`, which has no name and no state of its own; None: it is none.
-    """
+    """One run. name: of its row, or of the first of two; second: of the other; when: state of the robot. seed: of a
+    random run of `seconds`; None: it is none."""
 
     name: str = ""
     second: str | None = None

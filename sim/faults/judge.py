@@ -217,7 +217,7 @@ def _reaction(row: Row, bench: Bench, onset: float) -> Judged:
 
 
 def reacted(row: Row, bench: Bench, onset: float) -> Judged:
-    """Return the time, s, from the onset to the reaction, and what is wrong with the run since the onset."""
+    """Return the time from the onset to the reaction, s, and what is wrong since the onset."""
     trace, stop = bench.trace, bench.trace.stop
     time, wrong = _reaction(row, bench, onset)
     ended = trace.ended - onset
@@ -235,8 +235,7 @@ def reacted(row: Row, bench: Bench, onset: float) -> Judged:
 
 @dataclass(frozen=True)
 class Verdict:
-    """name: of what was judged. wrong: violations, a line each. took: s from the onset to the reaction, None without
-    one."""
+    """The result of a run. wrong: violations, a line each. took: s from the onset to the reaction."""
 
     name: str
     wrong: tuple[str, ...]
@@ -267,11 +266,8 @@ def bench_of(
     performer: str | None = None,
     seed: int = 0,
 ) -> Bench:
-    """Make a bench with these faults.
-
-    following: how long the performer is followed, s; no time at all where the robot is idle or approaching. performer:
-    None: the one of the rows.
-    """
+    """Make a bench with these faults. following: how long the performer is followed, s, unless the robot is idle or
+    approaching. performer: None: the one of the rows."""
     idle = when is When.IDLE
     still = {When.IDLE: BOUNDS.idle_s, When.APPROACHING: BOUNDS.engaging_s}
     bench = Bench(
@@ -296,7 +292,7 @@ def bench_of(
 
 
 def run_row(row: Row, *, when: When = When.MOVING) -> Bench:
-    """Run a row. A run that goes on after its reaction is observed to its end only if the robot was stopping."""
+    """Run a row. If the run outlives its reaction, only a stopping robot is observed to its end."""
     following = BOUNDS.onset_s + (row.after if when is When.MOVING else 0.0)
     bench = bench_of([Struck(row, BOUNDS.onset_s)], when=when, following=following)
     if BOUNDS.reactions[row.reaction.name].outlived:
@@ -377,7 +373,7 @@ def _idle(row: Row, trace: Trace) -> list[str]:
 
 
 def strength(row: Row) -> tuple[int, float]:
-    """Return the strength of the reaction and its limit: of equally strong ones, that with the longer limit counts."""
+    """Return the strength of the reaction, and its limit, of which the longer one counts."""
     return BOUNDS.reactions[row.reaction.name].strength, row.limit
 
 
@@ -461,10 +457,8 @@ def _onset_of(trace: Trace, at: float) -> float | None:
 
 
 def judged_pair(first: Row, second: Row, *, at: float, gap: float, when: When = When.MOVING) -> Verdict:
-    """Run and judge two faults, `gap` s apart, the first at `at` s of following.
-
-    Judged are the rules of every run, that it ends, and the reactions of a moving robot.
-    """
+    """Run and judge two faults, `gap` s apart, the first at `at` s of following. Only reactions of a moving robot are
+    judged."""
     strikes = Struck(first, at), Struck(second, at + gap)
     moving = when is When.MOVING
     limits = (least(row).limit + 0.1 for row in (first, second) if moving)

@@ -211,7 +211,7 @@ def not_finite(bench: Bench, times: float = np.inf) -> None:
 
 
 def leg_inwards(bench: Bench) -> None:
-    """Turn a leg into the other within all limits of the joint, as a stage without observers and stops would."""
+    """Turn a leg into the other within all limits of the joint, without observers."""
     joint, angle, speed = INWARDS
 
     def turned(posture: RobotPosture) -> RobotPosture:
@@ -311,7 +311,7 @@ ARMED_ACTS: dict[str, Act] = {
 
 
 def _injection(entry: object) -> Callable[[Bench, float], object]:
-    """Return the injection of an entry: a name, a mapping from the name to its arguments, or a list of these."""
+    """Return the injection of an entry: a name, a mapping from it to arguments, or a list of these."""
     if isinstance(entry, list):
         parts = [_injection(one) for one in entry]
         return lambda bench, at: [part(bench, at) for part in parts]
@@ -334,4 +334,4 @@ ROWS: tuple[Row, ...] = tuple(
     for entry in yaml.safe_load(TABLE.read_text(encoding="utf-8"))
 )
 APPROACHED: tuple[Row, ...] = tuple(row for row in ROWS if row.approach)
-"""Rows that are injected on the approach, too: the posture of a performer is neither solved nor gated there."""
+"""Rows for the approach, where the posture of a performer is neither solved nor gated."""

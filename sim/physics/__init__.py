@@ -1,1 +1,1 @@
-"""A robot with mass, friction and weak servos in MuJoCo, behind the bus interface of the real one."""
+"""A robot with mass, friction and weak servos in MuJoCo, behind the bus of the real one."""

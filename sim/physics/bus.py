@@ -66,8 +66,8 @@ class PhysicsBus:
         self.simulation.switch(self.simulation.motors.driven)
 
     def torque(self, on: bool) -> None:
-        """Switch torque; a servo with an alert stays off. Waiting goals take effect first, since the write is
-        acknowledged. Raises BusError when closed."""
+        """Switch torque; a servo with an alert stays off. Waiting goals take effect first. Raises BusError when
+        closed."""
         check_open(self._open, where="physics bus, torque")
         self._catch_up()
         if on:

@@ -75,7 +75,7 @@ def add_soles(spec: Any, robot: RobotBody) -> None:
 
 
 def sole_corners(polygon: FloatArray) -> FloatArray:
-    """Return the corners (c, 2) m, at most MAX_CORNERS, that keep most of the area of a convex polygon (n, 2)."""
+    """Return at most MAX_CORNERS corners (c, 2) m that keep most of the area of a convex polygon (n, 2)."""
     if len(polygon) <= MAX_CORNERS:
         return polygon
 

@@ -85,7 +85,7 @@ class Drive:
     @property
     def damping(self) -> float:
         """Damping of the loop beside its D gain, N m s/rad, with which the shaft has the lag of its P gain
-        (`loop_lag`). Identified servos have it, too: XM430-W350, 5.3 N m/rad, 0.23 N m s/rad."""
+        (`loop_lag`)."""
         lag = 1.0 / (self.loop.proportional * self.servo.model.no_load_speed) if self.loop.proportional else 0.0
         return max(self.stiffness * lag - self.numbers.viscous, 0.0)
 

@@ -142,7 +142,7 @@ TURN_DAMPING = 0.01
 
 
 def add_rope(spec: Any, link: str, frame: Frame, *, at: FloatArray, length: float) -> None:
-    """Hang a body by the hook `frame` on `link`, at `at` (3,) m, world, from a rope of `length` m above it."""
+    """Hang a body by the hook `frame` on `link`, at `at` (3,) m, world, from a rope of `length` m."""
     spec.body(link).add_site(name=HOOK, pos=frame.position)
     spec.worldbody.add_site(name=TOP, pos=at + np.array([0.0, 0.0, length]))
     rope = spec.add_tendon(name=ROPE)
@@ -179,7 +179,7 @@ def simulation_problem(robot: RobotBody) -> ConfigError | None:
 
 
 def check_masses(robot: RobotBody, spec: Any) -> None:
-    """Raise ConfigError for links without a mass of their own. spec: of the body, as it was read."""
+    """Raise ConfigError for links without a mass of their own. spec: the body as it was read."""
     body = robot.body
     below = body.mass.copy()
     for link in range(len(below) - 1, 0, -1):

@@ -88,11 +88,8 @@ def drawn(
     frame: str | None = None,
     value: float | None = None,
 ) -> Perturbation:
-    """Draw a perturbation of one kind; the same seed draws the same.
-
-    within: range of the begin of a push, s. frame: the point that is pushed, from the front, the back and the side in
-    turn. value: of a kind with one number, instead of a drawn one.
-    """
+    """Draw a perturbation of one kind. within: range of the begin of a push, s. frame: the point that is pushed, from
+    the front, the back and the side in turn. value: of a kind with one number, instead of a drawn one."""
     chance = np.random.default_rng(seed)
     if kind in _NUMBERS:
         name, low, high = _NUMBERS[kind]

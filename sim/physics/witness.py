@@ -25,7 +25,7 @@ BLOCK_ROWS = 4096
 SLIP_RESOLUTION_M = 1e-4
 """Displacement of the corners from which slip counts, so that trembling does not add up."""
 LIFTED_S = 0.05
-"""A sole without load for longer has been lifted, and its displacement is no slip; a sliding sole trembles."""
+"""A sole without load for longer has been lifted: its displacement is no slip."""
 
 
 class PhysicsLog:
@@ -84,8 +84,7 @@ class PhysicsLog:
         self.rows += 1
 
     def column(self, name: str) -> FloatArray:
-        """Return one quantity of `PhysicsState`: time (rows,), sole (rows, k, 3), q, root, com, zmp, load, tilt or
-        torque (rows, width)."""
+        """Return one quantity of `PhysicsState`: (rows,) or (rows, width), sole (rows, k, 3)."""
         blocks = [block[name] for block in self._blocks] or [np.zeros(0, self._row)[name]]
         return np.asarray(np.concatenate(blocks)[: self.rows], dtype=np.float64)
 
@@ -262,8 +261,7 @@ class WitnessedBus:
             self.witness.switched(on)
 
     def close(self) -> None:
-        """Close it, and simulate whether the robot falls afterwards: before that, if it still has torque. Raises
-        BusError as it does."""
+        """Close it, and simulate whether the robot falls: before that, if it still has torque."""
         if self.witness.powered:
             self._see_out()
         try:

@@ -179,8 +179,7 @@ def _set_options(spec: Any) -> None:
 
 
 def _let_touching_shapes_be(spec: Any, robot: RobotBody, drives: Sequence[Drive]) -> None:
-    """Exclude pairs of links that the profile ignores, and those that touch in `neutral`, `stand` or `rest`, whose
-    shapes are larger than the links."""
+    """Exclude pairs of links that the profile ignores, and those that touch in `neutral`, `stand` or `rest`."""
     mujoco = engine()
     model = _compiled(spec, robot)
     data = mujoco.MjData(model)
