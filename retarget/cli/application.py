@@ -70,7 +70,6 @@ def called(commands: typer.Typer, words: Sequence[str], name: str = "retarget") 
 
 
 def _help_or_refusal(error: typer.TyperException) -> int:
-    """Print the help where no words were given, and return the exit code. Otherwise raise UsageError."""
     context, text = getattr(error, "ctx", None), getattr(error, "message", "") or "needed, and not given"
     from pydantic import ValidationError
 
@@ -144,7 +143,7 @@ FIRST_COLUMN = 24
 def _commands(
     package: str, chosen: Sequence[str], *, epilog: str | None = None, all_options: bool = False
 ) -> typer.Typer:
-    """The commands that `COMMANDS` of a package names. USUAL_OPTIONS of a module holds those of the help by command."""
+    """The commands that `COMMANDS` of a package names. USUAL_OPTIONS of a module: those of the help, by command."""
     width = {"max_content_width": WIDEST} if sys.stdout.isatty() else {"terminal_width": UNWRAPPED}
     group = typer.Typer(
         add_completion=False,
@@ -525,7 +524,7 @@ def console(*, err: bool = False) -> "Console":
 
 
 class Unpadded:
-    """A stream that removes the blanks with which tables fill the ends of their lines."""
+    """A stream that removes the blanks at the ends of lines of tables."""
 
     def __init__(self, stream: IO[str]) -> None:
         self._stream = stream

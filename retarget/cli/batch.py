@@ -29,7 +29,7 @@ BENCH = "retarget.cli.buses:PhysicsBench"
 """The bench of each process, by its import path."""
 ENGINES = ("processes", "ray")
 TIME_LIMIT_S, MEMORY_GB = 1800.0, 4.0
-"""The longest recording that is read, of 28 minutes, takes half of the time and 1 GB."""
+"""The longest recording that is read takes half of the time and 1 GB."""
 MOST_TIME_S, MOST_MEMORY = 30 * 24 * 3600.0, 2**62
 """Bounds, s and bytes, of the timers and limits of the system."""
 SHOWN_FAILURES = 20
@@ -147,7 +147,7 @@ def batch(inputs: list[str], out: Path, options: RunOptions, file: FileOptions, 
 
 @contextmanager
 def _shown() -> Iterator[Callable[[BatchTally, ClipRow | None], None]]:
-    """Yields a function that prints failures, and a line of progress: on a terminal always, else once a minute."""
+    """Yields a function that prints failures and progress."""
     from rich.live import Live
     from rich.text import Text
 

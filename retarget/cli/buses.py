@@ -35,10 +35,7 @@ if TYPE_CHECKING:
 def make_bus(
     name: str, robot: RobotBody, clock: Clock, *, faults: Path | None = None, posture: str = "stand"
 ) -> ServoBus:
-    """Make the bus of this name, class of the user, or port. Simulated servos begin in this posture of the profile.
-
-    Raises UsageError for one port of a robot that has several, and for a class that is no bus. ConfigError: bad faults.
-    """
+    """Make the bus of this name, class of the user, or port. Simulated servos begin in this posture. Raises RetargetError."""
     from sim.mock_bus import mock_bus
 
     match name:

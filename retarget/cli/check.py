@@ -72,7 +72,6 @@ def check(files: list[str], reach: Path | None = None) -> None:
 
 
 def _reach(targets: Sequence[tuple[Kind, Path]], picture: Path) -> None:
-    """Draw the reachability map of a robot and print its numbers. Raises UsageError."""
     from retarget.pictures.reach import draw_reach, reach_numbers
 
     robots = [path for kind, path in targets if kind is Kind.ROBOT]
@@ -189,7 +188,7 @@ def wide_ranges(wide: Sequence[str]) -> str:
 
 
 def _rests(how: str | None, *, stays: bool) -> str:
-    """Words about a robot at rest without torque. how: it falls in simulation; stays: by its profile."""
+    """Words about a robot without torque. how: it falls in simulation; stays: by its profile."""
     if how is not None:
         then = "though its profile says that it stays" if stays else "so a run ends standing, with torque"
         return f"it goes down without torque ({how}), {then}"
@@ -199,7 +198,6 @@ def _rests(how: str | None, *, stays: bool) -> str:
 
 
 def _stiffness(robot: RobotBody) -> str:
-    """Stiffness of shafts by model and P gain, in words."""
     found: dict[str, None] = {}
     for servo in robot.joint_map.servos:
         name, gain = servo.model.name, p_gain(servo) / DEFAULT_P_GAIN
@@ -210,7 +208,6 @@ def _stiffness(robot: RobotBody) -> str:
 
 
 def _contacts(robot: RobotBody) -> str:
-    """Joints that notice contact, in words."""
     felt = felt_servos(robot)
     if not felt.any():
         return f"not noticed: no servo beside those that carry it measures a current {SLOWEST_HZ:g} times a second"
@@ -218,7 +215,6 @@ def _contacts(robot: RobotBody) -> str:
 
 
 def _calibration(robot: RobotBody) -> str:
-    """Number of homed servos, date, and file of the calibration."""
     if robot.calibration is None:
         return "none: zero ticks of the profile"
     servos = robot.calibration.servos
@@ -229,7 +225,6 @@ def _calibration(robot: RobotBody) -> str:
 
 
 def _bus(bus: BusSpec, layout: Layout) -> str:
-    """A bus in words, with its watchdog."""
     watchdog = f"bus watchdog {bus.watchdog:g} s" if bus.watchdog else "bus watchdog off"
     if layout is Layout.OLDER:
         watchdog = f"no bus watchdog: servos of {layout.value} hold their last goal when the host goes silent"
@@ -237,7 +232,6 @@ def _bus(bus: BusSpec, layout: Layout) -> str:
 
 
 def _unknown_priorities(document: Document) -> list[Problem]:
-    """Problems: priority files of the profile that do not exist."""
     known = tuple(entry.name for entry in entries(Kind.PRIORITIES))
     named = {key: document.data.get(key) for key in ("reconstruct", "retarget", "standing")}
     return [

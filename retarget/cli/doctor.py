@@ -65,7 +65,6 @@ def doctor(
 
 
 def _check(target: str | None, *, performer: str | None, robot: str | None, seconds: float | None) -> None:
-    """Raise UsageError for options that exclude each other."""
     is_stream = target is not None and is_address(target)
     if target is not None and robot is not None:
         step = "Leave one out"

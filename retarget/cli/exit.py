@@ -182,12 +182,12 @@ class ForcedStopKey:
         self._last = 0.0
 
     def pressed(self, count: int, now: float) -> KeyPress:
-        """The effect of a key that came `count` times (at least once) since the last poll, at `now`, s. Several times
-        in one poll are repeats that were read late."""
+        """The effect of a key that came `count` times, at least once, since the last poll. now: s."""
         first, pause, self._last = self._first, now - self._last, now
         if first is None:
             self._first = now
             return KeyPress.FIRST
+        # Several times in one poll are repeats that were read late.
         return KeyPress.SECOND if count == 1 and now - first >= AFTER_S and pause > PAUSE_S else KeyPress.TOO_SOON
 
 

@@ -82,7 +82,6 @@ export.__doc__ = str(export.__doc__).replace("{formats}", format_help())
 
 
 def _summary(whole: Motion, motion: Motion, phase: str, fps: float | None) -> str:
-    """Count the rows that were written, and those that were left out."""
     text = counted(len(motion), "row")
     text += f" at {fps:g} Hz, resampled" if fps is not None else f", one for each {motion.row}"
     text += f", {motion.time[-1] - motion.time[0]:.2f} s"

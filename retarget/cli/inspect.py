@@ -77,7 +77,6 @@ def _refused(frames: SensorFrames, options: RunOptions) -> RetargetError | None:
 
 
 def _opened(source: str, file: FileOptions) -> SensorFrames:
-    """The frames of a motion file, or of a recorded stream. Raises RetargetError."""
     if not is_address(source) or (address := parse_address(source)).kind != "replay":
         return file.open(source)
     from retarget.live.open_stream import read_recording
@@ -180,7 +179,6 @@ def judge(
 
 
 def _show_judgement(found: Judgement) -> None:
-    """Print the table of a judgement, and its verdict."""
     beside = "" if found.performer is None else f" beside {found.performer}"
     of = "the run, as it followed" if found.layout == "run" else "the file, all of it"
     rows = f"{found.rows} rows at {found.rate_hz:g} Hz"

@@ -66,8 +66,8 @@ def walking_words(velocity: Request | None) -> str:
 class RunOperator(Operator):
     """Gathers the requests of signals, page and controls, and the fall of a simulated robot.
 
-    stop: set by signals and by this operator. controls, dead_man: of a live run; with a dead-man control the robot
-    holds until it is gripped. stick: of a robot that walks. A request is carried out before it is reported.
+    stop: set by signals and by this operator. dead_man: the robot holds until a control grips. A request is carried out
+    before it is reported.
     """
 
     def __init__(
@@ -180,7 +180,6 @@ class RunOperator(Operator):
                 self._notify(reason)
 
     def _engage(self, holds: frozenset[ControlRequest]) -> None:
-        """Hold the robot for these reasons; without any, follow the performer."""
         if holds != self._holds:
             self._holds = holds
             self._performer.clutch(engaged=self.engaged)
@@ -199,8 +198,7 @@ class RunLines:
     """The lines of one run, which may last for hours: `MOST_LINES`, and more only where the operator must read them.
 
     Messages that are no `News` are always printed. Before the robot is `moving`, news beyond `MOST_BEFORE` waits for
-    the summary. Then the first news of a kind is printed while there is room, and later ones are counted. verbose:
-    everything is printed.
+    the summary. Then the first news of a kind is printed while there is room, and the rest is counted.
     """
 
     def __init__(self, *, verbose: bool = False, moving: bool = False) -> None:

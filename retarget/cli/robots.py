@@ -85,7 +85,6 @@ def is_interactive() -> bool:
 
 
 def _confirmed_links(robot: UnknownRobot) -> PartLinks:
-    """Let the operator change the links of the parts until they are right."""
     given = PartLinks()
     while True:
         links = completed(robot.proposed, given, robot.tree)
@@ -110,7 +109,6 @@ def _confirmed_links(robot: UnknownRobot) -> PartLinks:
 
 
 def _drafted(done: Imported) -> str:
-    """The findings in words, and the next step."""
     draft, folder = done.draft, done.folder
     arms = sum(f"{side}_hand" in draft.frames for side in "lr")
     models = [servo.entry.model for servo in draft.servos]

@@ -493,8 +493,6 @@ def _performing(
     supervisor: Supervisor,
     stack: ExitStack,
 ) -> Perform:
-    """Opens the stream until `stack` closes, and begins the live performance."""
-
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
         stream = open_stream(
             address,
@@ -537,8 +535,7 @@ def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, ove
 def _opened(
     oversight: Oversight, stack: ExitStack, notify: Notify, *, status: Callable[[], LiveStatus]
 ) -> tuple[list[Control], HeldKey | Pedal | None, KeyStick | Gamepad | None]:
-    """Open the controls except the keyboard until `stack` closes. Returns them, the dead-man control, and the stick;
-    the last two may be keys."""
+    """Open the controls except the keyboard. Returns them, the dead-man control, and the stick."""
     opened: list[Control] = []
     if oversight.control_socket is not None:
         goes_on = GOES_ON if has_terminal() else NEVER_GOES_ON
@@ -637,7 +634,6 @@ class RunRequest:
 
 
 def _refuse_planted(options: RunOptions) -> None:
-    """Raise UsageError for a stick of a robot that does not walk."""
     robot = None if options.is_human else load_robot(options.robot, root=options.root)
     _, priorities, notes = stage_priorities(robot, options)
     if priorities is not None and priorities.steps == "walk":

@@ -1,5 +1,4 @@
-"""Event devices of Linux, and the sticks of a robot that walks: keys of the terminal, and a gamepad. The stick of a web
-page is `retarget.cli.web.control.PageControl`."""
+"""Event devices of Linux, and the sticks of a robot that walks: keys, and a gamepad."""
 
 import fcntl
 import os
@@ -120,8 +119,8 @@ class EventDevice:
         return least, greatest
 
     def _events(self) -> Iterator[tuple[int, int, int]]:
-        """Yield type, code and value of each event since the last call, and keep which keys are down. Keys are up when
-        the device is opened, and after the kernel dropped events, which may have been releases."""
+        """Yield type, code and value of each event since the last call, and keep which keys are down. All are up after
+        the kernel dropped events, which may have been releases."""
         for _ in range(MOST_READS):
             data = self._read()
             if not data:

@@ -66,8 +66,7 @@ def connect_to(path: "str | os.PathLike[str]") -> socket.socket:
 
 
 def sent(words: "Sequence[str]") -> socket.socket | None:
-    """Send the stop of the words behind `stop`. Returns the connection; None if nothing was sent, because no run
-    listens, or because the words are not one path, with or without `--torque-off`."""
+    """Send the stop of the words behind `stop`. Returns the connection, or None if nothing was sent."""
     paths = [word for word in words if word != "--torque-off"]
     if len(paths) > 1 or any(path.startswith("-") for path in paths):
         return None

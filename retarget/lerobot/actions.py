@@ -95,8 +95,8 @@ class Actions:
     ticks, kept, over = FOR_EVER, 1, False
 
     def __init__(self, held: Clip, first: FloatArray, *, fastest: FloatArray, clock: Clock, stale_s: float) -> None:
-        """held: its first sample is held. first (n,): rad, the target before any action. fastest (n,): rad/s, of the
-        servos. stale_s: age, s, from which an action is signal loss. Raises UsageError for a limit out of range."""
+        """first (n,): rad, the target before any action. fastest (n,): rad/s, of the servos. stale_s: age, s, from
+        which an action is signal loss. Raises UsageError for a limit out of range."""
         low, high = STALE_MS
         if not low <= 1e3 * stale_s <= high:
             raise UsageError(

@@ -1,7 +1,4 @@
-"""A run in a thread of its own, for programs with another loop: they leave targets and copy readings.
-
-Signals reach only the main thread, so `end` requests the stop of the run and waits for it.
-"""
+"""A run in a thread of its own, for programs with another loop: they leave targets and copy readings."""
 
 import atexit
 import sys
@@ -39,8 +36,8 @@ Begins = Callable[[], bool]
 class Reading:
     """The robot at one tick.
 
-    present (n,): rad, servo order, as read. goal (n,): rad, the posture that was sent, without deflection compensation;
-    before the robot is armed, as read. time: s. reason: why it holds or has stopped.
+    present, goal (n,): rad, servo order, as read and as sent, without deflection compensation. time: s. reason: why it
+    holds or has stopped.
     """
 
     present: FloatArray
@@ -208,8 +205,7 @@ class BackgroundRun(RunObserver):
 class Connection:
     """The run of a device from `connect` to `disconnect`, or to the end of the program.
 
-    A run whose thread does not end stays its run, so that its bus never has a second one. name: of the device, in
-    messages. close: called after the run.
+    A run whose thread does not end stays its run, so that its bus never has a second one. close: called after the run.
     """
 
     def __init__(self, name: str, close: Callable[[], object] = lambda: None) -> None:

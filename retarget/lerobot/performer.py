@@ -25,9 +25,9 @@ STALE_S = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class PerformerWiring:
-    """Parts of the command line. perform: the performance of the source, called in the thread of the run with a
+    """Parts of the program that wires a performer. perform: the performance, called in the thread of the run with a
     function that raises KeyboardInterrupt once the run is to end. operator: may hold or stop the run. close: closes
-    what `perform` opened. notify: receives messages for the performer."""
+    what `perform` opened."""
 
     perform: Callable[[Callable[[], None]], Perform]
     operator: Callable[[Prepared], Operator]

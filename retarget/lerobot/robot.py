@@ -28,8 +28,7 @@ HELD_S = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Wiring:
-    """Parts of the command line. make_bus: makes the bus of the options. operator: may stop a run beside the device.
-    close: closes what `operator` opened. notify: receives messages for the operator."""
+    """Parts of the program that wires a robot. operator: may stop its run. close: closes what `operator` opened."""
 
     make_bus: MakeBus
     operator: Callable[[Prepared], Operator]
@@ -145,6 +144,5 @@ class HumanoidDevice:
 
     def disconnect(self) -> None:
         """Brake, go to rest and switch torque off, within `background.JOIN_S`. Raises nothing. Ctrl-C meanwhile
-        switches torque off at once. A run that has not ended by then stays connected: cut the power, or call this
-        again."""
+        switches torque off at once. If `connection` still has a run then, cut the power or call this again."""
         self.connection.close()

@@ -50,9 +50,8 @@ class HomedFile:
     def of(
         cls, profile: RobotProfile, options: RunOptions, out: Path | None, *, overwrite: bool = False
     ) -> "HomedFile":
-        """overwrite: a named file may be replaced. The robot's own calibration always may, because the previous one is
-        kept. Raises UsageError for a file that cannot be written or is there, and for simulated servos as the robot's
-        own calibration."""
+        """overwrite: a named file may be replaced. The robot's own calibration always may. Raises UsageError for a file
+        that cannot be written or is there, and for simulated servos as the robot's own calibration."""
         check_bus(options.bus)
         if options.bus == "none":
             allowed = "profile, a port, emulator, mock"
@@ -181,7 +180,6 @@ def _agree(question: str, enter: bool) -> bool:
 
 
 def _choose(question: str) -> str:
-    """The answer to a question of `home_each`."""
     while True:
         word = answered(f"{question}. ENTER reads it (s: leave it out, e: end): ", where="servo home").lower()
         if word in ("", "s", "e"):
@@ -191,7 +189,6 @@ def _choose(question: str) -> str:
 def _print_plan(
     body: RobotBody, posture: FloatArray, chosen: BoolArray, options: RunOptions, file: HomedFile, pose: str
 ) -> None:
-    """Print what would be done."""
     bent = [f"{joint} {angle:g}" for joint, angle in zip(body.joint_map.joints, posture, strict=True) if angle]
     angles = f"{', '.join(bent)} rad, the others 0" if bent else "all joints at 0"
     echo(f"would open the bus {options.bus!r}: {_opening(body, options.bus)};")
@@ -202,7 +199,6 @@ def _print_plan(
 
 
 def _opening(body: RobotBody, bus: str) -> str:
-    """Effects of opening the bus on its servos, in words."""
     if is_own(bus):
         return f"{bus} does it"
     buses = body.profile.bus_specs()
@@ -213,7 +209,6 @@ def _opening(body: RobotBody, bus: str) -> str:
 
 
 def _posture(body: RobotBody, pose: str) -> FloatArray:
-    """Angles (n,) of a posture of the profile. Raises UsageError for an unknown one."""
     if pose not in POSES:
         raise UsageError("unknown posture", where="--pose", found=repr(pose[:80]), allowed=", ".join(POSES))
     angles: FloatArray = body.posture(getattr(body.profile.postures, pose))[body.servo_columns]

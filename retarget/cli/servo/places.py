@@ -221,8 +221,8 @@ def find_target(where: Where, joint: str | None, device: int | None = None) -> S
 
 
 def all_targets(where: Where, *, yes: bool) -> list[ServoTarget]:
-    """Every servo of a robot, in its order; no port is open. The operator helps to find a port that is not named,
-    unless `yes`: then it is that of the profile. Raises RetargetError."""
+    """Every servo of a robot, in its order; no port is open. yes: ports of the profile, without a question. Raises
+    RetargetError."""
     assert where.robot is not None
     body = load_uncalibrated(where.robot)
     places = {}
@@ -235,7 +235,6 @@ def all_targets(where: Where, *, yes: bool) -> list[ServoTarget]:
 
 
 def _servo(body: RobotBody, port: str | None, joint: str | None, device: int | None) -> ServoSpec | None:
-    """The servo of the profile; None for an id that the profile does not have."""
     servos = body.joint_map.servos
     if joint is not None:
         found = [one for one in servos if one.joint == joint]

@@ -93,7 +93,6 @@ def _restart(chosen: Sequence[tuple[Look, list[int]]]) -> list[str]:
 
 
 def _refuse(chosen: list[tuple[Look, list[int]]], selected: list[int] | None, *, yes: bool) -> None:
-    """Raise for ids that no servo has, for protocol 1.0, and for servos with torque unless `yes`."""
     there = {device for _, some in chosen for device in some}
     absent = sorted(set(selected or ()) - there)
     if absent:
@@ -118,7 +117,6 @@ def _refuse(chosen: list[tuple[Look, list[int]]], selected: list[int] | None, *,
 
 
 def _latched(one: Look, device: int) -> str:
-    """Latched errors of a servo, in words."""
     image = one.line.images[device]
     bits = image.value("hardware_error_status") if image.has("hardware_error_status") else 0
     torque = ", torque on" if image.value("torque_enable") else ""

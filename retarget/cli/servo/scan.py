@@ -101,7 +101,6 @@ def _row(protocol: str, baud: str, device: str, model: str, firmware: str, remar
 
 
 def _conclude(place: ServoPort, one: LineScan, selected: Sequence[int] | None) -> None:
-    """Print notes, skipped speeds and missing servos of a port."""
     if one.echoes:
         echo(f"note: {place.where}: {ECHOES}", err=True)
     for text in one.skipped:

@@ -107,7 +107,6 @@ def setup(
 
 
 def _check_all(where: Where, options: Mapping[str, object], request: SetupRequest) -> None:
-    """Raise UsageError for options of a single servo, and without a robot."""
     if where.robot is None:
         raise UsageError("the servos of which robot", where="--all", allowed="--robot NAME beside it")
     given = ", ".join(option for option, value in options.items() if value is not None)
@@ -117,7 +116,6 @@ def _check_all(where: Where, options: Mapping[str, object], request: SetupReques
 
 
 def _check(target: ServoTarget, request: SetupRequest, protocol: int | None) -> None:
-    """Raise UsageError for impossible settings, before a port is opened."""
     servo, spec = target.servo, target.place.spec
     if servo is None:
         check_settings(request, protocol, None)

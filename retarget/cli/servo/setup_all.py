@@ -146,7 +146,6 @@ class SetupWalk:
         raise BusError("only servos that are set up already answer", where=place.where, found=text, then=step)
 
     def _look(self, place: ServoPort) -> list[Sighting]:
-        """The servos on the line; without any, those of the other protocol, for the error."""
         assert place.spec is not None
         own = place.spec.protocol
         for protocol in (own, *(one for one in PROTOCOLS if one != own)):

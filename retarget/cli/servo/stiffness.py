@@ -132,7 +132,6 @@ def _play(body: RobotBody, options: RunOptions, held: HeldGoals, hung: Hung | No
 
 
 def _result(body: RobotBody, held: HeldGoals, found: MeasuredStiffness, voltage: float) -> list[str]:
-    """The result in words, with the entry for the profile."""
     servo, planned = held.servo, body.profile
     table, gain = servo.model.stiffness, servo.gains.position_p
     of_gain = table.scaled(p_gain(servo) / DEFAULT_P_GAIN)

@@ -131,7 +131,6 @@ def find_one(place: ServoPort, device: int, protocol: int | None) -> Sighting:
 
 
 def _refuse_taken(place: ServoPort, seen: Sighting, new_id: int, baud: int) -> None:
-    """Raise BusError if another servo has the id, at the present or the new speed."""
     try:
         for rate in (seen.speed.baud, baud):
             if (new_id, rate) == (seen.found.id, seen.speed.baud):

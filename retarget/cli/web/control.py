@@ -32,10 +32,7 @@ PADS = "the pads on the page of those who look after the robot, while a finger o
 
 
 class PageControl:
-    """The control and stick of the page: pause and go on, the dead-man control and the pads. STOP comes by the feed.
-
-    notify: receives notes of the process of the page. health: messages of the pages of performers.
-    """
+    """Control and stick of the page. STOP comes by the feed. health: messages of the pages of performers."""
 
     def __init__(self, feed: ViewFeed, notify: Notify) -> None:
         self._feed, self._notify = feed, notify
