@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 def make_bus(
     name: str, robot: RobotBody, clock: Clock, *, faults: Path | None = None, posture: str = "stand"
 ) -> ServoBus:
-    """Make the bus of this name, class of the user, or port. Simulated servos begin in this posture. Raises RetargetError."""
+    """Make the bus of this name, user's class or port. Simulated servos begin in this posture. Raises RetargetError."""
     from sim.mock_bus import mock_bus
 
     match name:
