@@ -8,7 +8,7 @@ from hardware.errors import BusError, describe
 from hardware.imu import GRAVITY, ImuReading
 from sim.imu import ImuStandIn, roll_pitch_yaw
 
-MOST = 50
+MOST_FRAMES = 50
 """Frames that the adapter keeps for a host that does not read."""
 
 
@@ -39,8 +39,8 @@ class EmulatedBno08x:
         if self._due is None:
             raise BusError(describe(what="the port is closed", where=self.name, then="Open it first"))
         now, frames = self._clock.now(), []
-        if now - self._due > MOST * PERIOD:
-            skipped = math.floor((now - self._due) / PERIOD) - MOST
+        if now - self._due > MOST_FRAMES * PERIOD:
+            skipped = math.floor((now - self._due) / PERIOD) - MOST_FRAMES
             self._due, self._index = self._due + skipped * PERIOD, self._index + skipped
         while self._due <= now:
             reading = self.sensor.measure(self._due)

@@ -8,7 +8,7 @@ from sim.emulator.device import Device
 from sim.emulator.power import BROWN_OUT
 from sim.imu import Ailment, ImuStandIn, roll_pitch_yaw
 
-VOLTAGE = 12.0  # [V]
+SUPPLY_V = 12.0  # [V]
 
 
 class EmulatedController(Device):
@@ -32,7 +32,7 @@ class EmulatedController(Device):
         self._imu = ImuStandIn() if imu is None else imu
         self.id, self.baud = id, baud
         self._powered = tuple(powered)
-        self._volts = VOLTAGE
+        self._volts = SUPPLY_V
         self._switch(on, now)
 
     def tune(self) -> None:
@@ -67,8 +67,8 @@ class EmulatedController(Device):
 
     def supply(self, volts: float | None, now: float) -> None:
         """Set the supply voltage in V; below BROWN_OUT of the nominal it and the servos are silent."""
-        self._volts = VOLTAGE if volts is None else volts
-        if self._volts < BROWN_OUT * VOLTAGE:
+        self._volts = SUPPLY_V if volts is None else volts
+        if self._volts < BROWN_OUT * SUPPLY_V:
             self.power_cut(now)
         elif self.booting(now):
             self.power_back(now)

@@ -15,7 +15,7 @@ from sim.servo_model import (
 )
 
 WINDOW = 16e-3  # [s] shortest time over which current and acceleration are taken
-STILL = 1e-3  # of the top speed
+STILL_SHARE = 1e-3  # of the top speed
 OVERLOAD_EFFORT = 0.8  # share of the stall torque that a servo holds for OVERLOAD_TIME only
 OVERLOAD_TIME = 1.0  # [s]
 BROWN_OUT = 0.4  # share of the nominal voltage below which the electronics reset
@@ -99,7 +99,7 @@ class ServoElectrics:
         gain = abs(velocity - self._velocity) * self._turn
         self._velocity = velocity
         drive = SPEED_CURRENT * share + INERTIA / TORQUE_PER_AMPERE * gain / elapsed + LARGEST_CURRENT * abs(effort)
-        if share > STILL:
+        if share > STILL_SHARE:
             drive += FRICTION_CURRENT
         drive = drive if motor is None else abs(motor)
         current = IDLE_CURRENT + (min(drive, LARGEST_CURRENT) if torque else 0.0)

@@ -20,14 +20,14 @@ from hardware.servo import DEFAULT_P_GAIN, ServoModel, lag_of_gain
 from sim.emulator.device import Answer
 from sim.emulator.memory import Memory, RegisterWrite
 from sim.emulator.servo2_registers import RESETS, factory_reset
-from sim.emulator.servo_body import OVERLOAD, ServoBody, ServoBuild
+from sim.emulator.servo_body import OVERLOAD_BIT, ServoBody, ServoBuild
 from sim.emulator.shaft import Law, Shaft, path_by_velocity
 from sim.servo_model import IDLE_CURRENT, LARGEST_CURRENT
 
 FULL_TORQUE = 1023.0
 """Torque Limit (34) and Max Torque (14) that do not limit: 100 % (e-Manual)."""
 DEFAULT_SLOPE = 32  # compliance slope of an AX-12A, and P gain of an MX
-STILL = 0.01  # share of the top speed below which Moving (46) is 0
+MOVING_SHARE = 0.01  # share of the top speed below which Moving (46) is 0
 TORQUE_AMPERES = 4.5e-3  # [A] of a count of Goal Torque (71)
 
 
@@ -150,7 +150,7 @@ class EmulatedServo1(ServoBody):
             "present_load": electrics.direction * FULL_TORQUE * load,
             "present_voltage": 10.0 * electrics.voltage,
             "present_temperature": electrics.warmth,
-            "moving": abs(shaft.velocity) > STILL * shaft.full,
+            "moving": abs(shaft.velocity) > MOVING_SHARE * shaft.full,
             "realtime_tick": self.realtime_tick(now),
         }
 
@@ -170,8 +170,8 @@ class EmulatedServo1(ServoBody):
 
     def note(self, wrong: int) -> None:
         """Keep errors as long as their cause lasts; those in Shutdown switch torque off."""
-        self._overload = self._overload or bool(wrong & OVERLOAD)
-        self._show_errors(wrong | (OVERLOAD if self._overload else 0))
+        self._overload = self._overload or bool(wrong & OVERLOAD_BIT)
+        self._show_errors(wrong | (OVERLOAD_BIT if self._overload else 0))
         if self.barred and self.shaft.torque:
             self.memory.put("torque_limit", 0)
             self._set_torque(False)

@@ -32,7 +32,7 @@ from sim.emulator.servo2_registers import (
     restore_ram,
     tune_loop,
 )
-from sim.emulator.servo_body import OVERLOAD, ServoBody, ServoBuild
+from sim.emulator.servo_body import OVERLOAD_BIT, ServoBody, ServoBuild
 from sim.emulator.shaft import Law
 from sim.servo_model import IDLE_CURRENT, LARGEST_CURRENT
 
@@ -283,7 +283,7 @@ class EmulatedServo(ServoBody):
         """Latch an overload, as when `ServoElectrics` has counted to its end."""
         self.catch_up(now)
         if self._awake_at < inf and not self._starting:
-            self._latch(OVERLOAD)
+            self._latch(OVERLOAD_BIT)
 
     def wake(self, now: float) -> None:
         """End a start: check for errors, and switch torque on if the startup configuration has that bit."""

@@ -13,7 +13,7 @@ from sim.servo_model import AMBIENT
 
 REALTIME_TICKS = 32768  # [ms] after which the realtime tick wraps
 
-VOLTAGE, HEAT, OVERLOAD = 0x01, 0x04, 0x20
+VOLTAGE_BIT, HEAT_BIT, OVERLOAD_BIT = 0x01, 0x04, 0x20
 """Bits of errors in a status of protocol 1.0 and in Hardware Error Status (70) of the X layout."""
 BOOT_TIME = 0.2  # [s] not documented; long enough for the pauses of field software
 
@@ -175,12 +175,12 @@ class ServoBody(Device):
         if self._awake_at == inf or self._starting:
             return
         memory, electrics = self.memory, self.electrics
-        wrong = OVERLOAD if electrics.overloaded else 0
+        wrong = OVERLOAD_BIT if electrics.overloaded else 0
         tenths = round(10.0 * electrics.voltage)
         if not memory.value("min_voltage_limit") <= tenths <= memory.value("max_voltage_limit"):
-            wrong |= VOLTAGE
+            wrong |= VOLTAGE_BIT
         if electrics.warmth > memory.value("temperature_limit"):
-            wrong |= HEAT
+            wrong |= HEAT_BIT
         self.note(wrong)
 
     def note(self, wrong: int) -> None:

@@ -23,7 +23,7 @@ from sim.faults.rows import APPROACHED, ROWS
 # Random runs: faults of the table one after another, at random times, until one of them ends the run.
 
 LIVE = tuple(row for row in ROWS if not (row.recorded or row.alone))
-FEWEST, MOST = 2, 5
+FEWEST_MILD, MOST_MILD = 2, 5
 """Harmless faults of a random run. It has one of the others, too."""
 
 
@@ -33,7 +33,7 @@ def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
     mild, harsh = (
         [row for row in LIVE if BOUNDS.reactions[row.reaction.name].harmless is harmless] for harmless in (True, False)
     )
-    count = chance.randint(FEWEST, MOST)
+    count = chance.randint(FEWEST_MILD, MOST_MILD)
     drawn = [(chance.uniform(0.1, 0.9 * seconds), chance.choice(mild)) for _ in range(count)]
     milder = [Struck(row, at) for at, row in drawn]
     last = chance.uniform(0.5, 0.98) * seconds
