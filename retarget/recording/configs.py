@@ -55,7 +55,7 @@ def as_recorded(
             options = replace(options, robot=robot)
             found: RobotBody | None = load_robot(robot, root=options.root)
         else:
-            found = None if options.is_human else _robot_of_then(files, options, body)
+            found = None if options.is_human else _recorded_robot(files, options, body)
         options = replace(options, performer=files.place(PERFORMER))
         if options.scene is not None:
             options = replace(options, scene=files.place(SCENE) if robot is None else files.present(SCENE))
@@ -142,7 +142,7 @@ def _changes(files: _Files, options: RunOptions, robot: RobotBody) -> Iterator[s
             yield f"{name} has changed: {now[name].path}"
 
 
-def _robot_of_then(files: _Files, options: RunOptions, body: Path | None) -> RobotBody:
+def _recorded_robot(files: _Files, options: RunOptions, body: Path | None) -> RobotBody:
     path = Path(files.place(PROFILE))
     try:
         profile = read_profile(path)

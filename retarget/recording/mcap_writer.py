@@ -24,7 +24,7 @@ from retarget.schema.files import check_place, refuse_existing
 OPTION = "--record"
 METADATA = "retarget"
 """Name of the metadata record with the session."""
-PROFILE = "ros2"
+MCAP_PROFILE = "ros2"
 CHUNK = 2**30
 """Bytes that a chunk never reaches, because a flush ends it."""
 LARGEST = 4 * 2**20
@@ -73,7 +73,7 @@ class RecordingFile:
             raise UsageError(f"cannot write here ({error.strerror})", where=OPTION, found=str(path)) from error
         self._writer = Writer(self._stream, chunk_size=CHUNK, compression=CompressionType.ZSTD)
         try:
-            self._writer.start(profile=PROFILE)
+            self._writer.start(profile=MCAP_PROFILE)
             text = session.model_dump_json()
             digest = sha256(text.encode()).hexdigest()
             self._writer.add_metadata(METADATA, {"format": str(session.format), "session": text, "sha256": digest})

@@ -198,8 +198,8 @@ HANDS = ("l_hand", "r_hand")
 class ReferenceMotion:
     """The performer and the landmarks that a robot was to follow.
 
-    joints (T, m, 3) m and pelvis (T, 4) wxyz: of the human. landmarks (T, k, 3) m: desired. dt: s. goes_along: the
-    robot turns with the performer, and so sees them in their first heading.
+    joints (T, m, 3) m and pelvis (T, 4) wxyz: of the human. landmarks (T, k, 3) m: desired. dt: s. travels: the robot
+    turns with the performer, and so sees them in their first heading.
     """
 
     dimensions: HumanDimensions
@@ -209,13 +209,13 @@ class ReferenceMotion:
     landmark_names: tuple[str, ...]
     landmarks: FloatArray
     dt: float
-    goes_along: bool = False
+    travels: bool = False
 
     @cached_property
     def heading(self) -> FloatArray:
         """Unit vectors (T, 2) on the ground where the performer faces, as the robot sees them."""
         found = headings(self.pelvis, self.joint_names, self.joints, self.dt)
-        return _held(found) if self.goes_along else found
+        return _held(found) if self.travels else found
 
     def of(self, rows: slice) -> "ReferenceMotion":
         """Some of the ticks, with their headings in the whole motion."""
@@ -246,7 +246,7 @@ def reference_of(run: RunResult) -> ReferenceMotion | None:
         landmark_names=sent.landmark_names,
         landmarks=run.seen(sent.landmarks_asked),
         dt=run.clip.dt,
-        goes_along=_goes_along(run),
+        travels=_travels(run),
     )
 
 
@@ -325,10 +325,10 @@ def _faced(pelvis: FloatArray, left: FloatArray, right: FloatArray, dt: float) -
 def performer_facing(run: RunResult) -> FloatArray:
     """Headings (t, 2) in which a robot sees the performer at the ticks that followed."""
     found = performer_headings(run)
-    return _held(found) if _goes_along(run) else found
+    return _held(found) if _travels(run) else found
 
 
-def _goes_along(run: RunResult) -> bool:
+def _travels(run: RunResult) -> bool:
     return run.robot is not None and run.robot.floats
 
 

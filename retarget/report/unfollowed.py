@@ -20,7 +20,7 @@ from retarget.types import BoolArray, FloatArray, News, Notify
 KNEELS, ON_FLOOR, JUMPS = "kneels", "lies or sits on the floor", "jumps"
 INSTEAD: Mapping[str, str] = {KNEELS: "squats", ON_FLOOR: "squats", JUMPS: "stays on its soles"}
 """The posture of the robot meanwhile."""
-JOINTS = (*(f"{side}_{part}" for part in ("hip", "knee", "ankle", "toe") for side in "lr"), "neck")
+SHOWING_JOINTS = (*(f"{side}_{part}" for part in ("hip", "knee", "ankle", "toe") for side in "lr"), "neck")
 
 LEAST_S = 0.3
 """Shortest posture, s, that is reported, because a robot needs longer to squat and rise. Shorter breaks do not end a
@@ -45,8 +45,8 @@ def unfollowed_of(run: RunResult, reference: ReferenceMotion | None) -> tuple[Un
     rows = run.record.following
     if reference is None or run.robot is None or not run.robot.stands or run.setup.parts != "whole":
         return None
-    columns = [reference.joint_names.index(name) for name in JOINTS]
-    truth, joints = run.truth_of(JOINTS, rows), reference.joints[rows][:, columns]
+    columns = [reference.joint_names.index(name) for name in SHOWING_JOINTS]
+    truth, joints = run.truth_of(SHOWING_JOINTS, rows), reference.joints[rows][:, columns]
     if truth is not None and np.isfinite(truth).any(axis=(0, 2)).all():
         joints = truth
     time = run.record.time[rows]
@@ -56,7 +56,7 @@ def unfollowed_of(run: RunResult, reference: ReferenceMotion | None) -> tuple[Un
 
 
 def unfollowed(joints: FloatArray, leg: float, dt: float) -> Iterator[tuple[str, int, int]]:
-    """Yield each posture with its first and last row. joints (T, m, 3) m: those of `JOINTS`; leg: m; dt: s of the
+    """Yield each posture with its first and last row. joints (T, m, 3) m: `SHOWING_JOINTS`; leg: m; dt: s of the
     performer's time."""
     heights = _heights(joints)
     if not np.isfinite(heights.ankle).any():
@@ -90,7 +90,7 @@ class _Heights:
 
 
 def _heights(joints: FloatArray) -> _Heights:
-    at = dict(zip(JOINTS, np.moveaxis(joints, 1, 0), strict=True))
+    at = dict(zip(SHOWING_JOINTS, np.moveaxis(joints, 1, 0), strict=True))
     lower = {part: np.minimum(at[f"l_{part}"][:, 2], at[f"r_{part}"][:, 2]) for part in ("ankle", "toe", "hip", "knee")}
     hips = 0.5 * (at["l_hip"] + at["r_hip"])
     trunk = at["neck"] - hips
@@ -125,7 +125,7 @@ class UnfollowedNotice:
 
     def __init__(self, dimensions: HumanDimensions, *, dt: float, notify: Notify) -> None:
         """dt: s of the performer's time between rows."""
-        self._columns = [POINTS.index(name) for name in JOINTS]
+        self._columns = [POINTS.index(name) for name in SHOWING_JOINTS]
         self._leg, self._dt, self._notify = leg_length(dimensions), dt, notify
         self._floors: tuple[float, float] | None = None
         self._lasted, self._flight = dict.fromkeys((KNEELS, ON_FLOOR), 0.0), list[float]()

@@ -20,10 +20,10 @@ from retarget.report.report import Unfollowed
 from retarget.report.tracking import reference_of
 from retarget.report.unfollowed import (
     INSTEAD,
-    JOINTS,
     JUMPS,
     KNEELS,
     ON_FLOOR,
+    SHOWING_JOINTS,
     UnfollowedNotice,
     unfollowed,
     unfollowed_of,
@@ -128,7 +128,7 @@ def clip(name: str) -> SensorFrames:
 
 def named(frames: SensorFrames, dt: float = DT) -> list[tuple[str, int, int]]:
     assert frames.joints is not None
-    columns = [frames.joints.names.index(name) for name in JOINTS]
+    columns = [frames.joints.names.index(name) for name in SHOWING_JOINTS]
     return list(unfollowed(frames.joints.position[:, columns], THIGH + SHANK, dt))
 
 
