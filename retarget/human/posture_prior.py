@@ -28,7 +28,7 @@ class Velocity:
         self.start()
 
     def start(self) -> None:
-        """Begin at rest, without a past."""
+        """Begin at rest."""
         self.now: list[float] = [0.0] * self._axes
         self._before: Point | None = None
 
@@ -60,7 +60,7 @@ class Balance:
         self.weight = 0.0
 
     def start(self) -> None:
-        """Begin at rest, without a past."""
+        """Begin at rest."""
         self._travel.start()
 
     def step(self, feet: Sequence[Sequence[float]], forward: Ground, *, dt: float, lowered: float = 0.0) -> None:
@@ -101,7 +101,7 @@ class Carried:
         self._before: dict[str, list[float]] = {}
 
     def start(self) -> None:
-        """Begin without a past."""
+        """Begin anew."""
         self._before = {}
 
     def step(self, at: Sequence[float], points: dict[str, list[float]], dt: float) -> Point:
@@ -151,7 +151,7 @@ class Crouch:
         return min(max((self._upright_m - away) / (self._upright_m - self._lowered_m), 0.0), 1.0)
 
     def share_by_height(self, height: float) -> float:
-        """The same for a head `height` m above standing ankles."""
+        """The same for a head `height` m above the ankles."""
         lowered = 0.0
         for _ in range(3):  # the head is further ahead in a deeper crouch
             lowered = self.share(hypot(height, self._across[0] + lowered * (self._across[1] - self._across[0])))

@@ -152,10 +152,7 @@ class Reconstructor:
         scene: SceneState | None = None,
         intake: IntakeTimes | None = None,
     ) -> None:
-        """iterations: instead of the file's. scene: in the performer's world.
-
-        Raises ConfigError if the priorities name a thing that the human lacks.
-        """
+        """scene: in the performer's world. Raises ConfigError if the priorities name a thing that the human lacks."""
         self._human = human
         self._layout = SensorLayout(performer)
         self.sensors = self._layout.names

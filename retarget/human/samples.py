@@ -38,7 +38,7 @@ class Performing(Protocol):
 
 
 class Samples(Performing, Protocol):
-    """Sensors for every tick of a run."""
+    """Sensors for each tick."""
 
     @property
     def ticks(self) -> int:
@@ -46,7 +46,7 @@ class Samples(Performing, Protocol):
 
     @property
     def kept(self) -> int:
-        """Number of ticks that are recorded."""
+        """Number of recorded ticks."""
 
     @property
     def dt(self) -> float:
@@ -182,10 +182,10 @@ class Clip:
         return True
 
     def poll(self) -> None:
-        """Do nothing: all samples are there."""
+        """Do nothing."""
 
     def hold(self) -> None:
-        """Do nothing: the samples do not wait for a robot."""
+        """Do nothing."""
 
     def sample(self, tick: int) -> SensorSample:
         """The sensors at a tick, on the grid."""
@@ -202,7 +202,7 @@ class Clip:
 
     @property
     def names_of_jumped(self) -> tuple[str, ...]:
-        """Names of the sensors that were ever taken out."""
+        """Sensors that were ever taken out."""
         if self.with_jumps is None:
             return ()
         parts = [(self.with_jumps.frames, self.frames), (self.with_jumps.beyond, self.beyond)]
@@ -224,7 +224,7 @@ class Clip:
         return np.arange(ticks, dtype=np.int64) % len(self.frames)
 
     def truth(self, names: tuple[str, ...], ticks: range) -> FloatArray | None:
-        """Recorded joint centres (T, m, 3), NaN for unknown ones. None: none is known."""
+        """Recorded joint centres (T, m, 3), NaN for unknown ones, or None."""
         tracks = self.frames.joints
         if tracks is None:
             return None

@@ -106,7 +106,7 @@ class Playout:
         *,
         arrival: float,
     ) -> None:
-        """Take poses of m different sensors captured at one time.
+        """Take poses of m sensors captured at one time.
 
         rows (m,); time, arrival: s, local clock; position (m, 3) m and orientation (m, 4) wxyz, NaN where not sent;
         valid (m,): False where the sender has lost the sensor.
