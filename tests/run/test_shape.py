@@ -91,7 +91,7 @@ ON_ITS_WAY = [
 """Where the way of a tick leads, from sample to goal."""
 OUTSIDE = {"loop.py: run", "loop.py: _give_up", "loop.py: _release", "prepare.py: _open"}
 """What catches any exception before the first tick of a run or after the last."""
-OF_THE_USER = {"own_bus.py: own_bus_class", "own_bus.py: __init__", "own_bus.py: _named"}
+OF_THE_USER = {"own_bus.py: own_bus_class", "own_bus.py: __init__", "own_bus.py: _call"}
 """What names the exceptions of a bus that the user wrote."""
 ANY = {"Exception", "BaseException"}
 
