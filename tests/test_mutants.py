@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from mutants import FAILED, LIST, PASSED, TIME_LIMIT_S, applied, copied, listed, tested
+from mutants import FAILED, LIST, PASSED, TIME_LIMIT_S, applied, copied, listed, run_tests
 
 NAMES = [entry["name"] for entry in yaml.safe_load(LIST.read_text(encoding="utf-8"))]
 
@@ -25,8 +25,8 @@ def copy() -> Iterator[Path]:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_mutant_is_caught(name: str, copy: Path) -> None:
     (mutant,) = (one for one in listed() if one.name == name)
-    code, output = tested(copy, mutant.tests, keeps_bytecode=True, seconds=TIME_LIMIT_S)
+    code, output = run_tests(copy, mutant.tests, keeps_bytecode=True, seconds=TIME_LIMIT_S)
     assert code == PASSED, f"without the mutant:\n{output}"
     with applied(mutant, copy):
-        code, output = tested(copy, mutant.tests, seconds=TIME_LIMIT_S)
+        code, output = run_tests(copy, mutant.tests, seconds=TIME_LIMIT_S)
     assert code == FAILED, f"with it:\n{output}"

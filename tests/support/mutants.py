@@ -147,7 +147,9 @@ def applied(mutant: Mutant, copy: Path) -> Iterator[None]:
         os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
 
 
-def tested(copy: Path, tests: Sequence[str], *, keeps_bytecode: bool = False, seconds: float) -> tuple[int | None, str]:
+def run_tests(
+    copy: Path, tests: Sequence[str], *, keeps_bytecode: bool = False, seconds: float
+) -> tuple[int | None, str]:
     """The exit code of pytest in the copy, None after the time limit, and its last lines."""
     places = {
         "PYTHONPATH": str(copy),
@@ -176,7 +178,7 @@ def survivors(copy: Path, mutants: Sequence[Mutant]) -> list[str]:
     for mutant in mutants:
         begun = time.monotonic()
         with applied(mutant, copy):
-            code, output = tested(copy, mutant.tests, seconds=TIME_LIMIT_S)
+            code, output = run_tests(copy, mutant.tests, seconds=TIME_LIMIT_S)
         verdict = {PASSED: "SURVIVES", FAILED: "caught", None: "TIME LIMIT"}.get(code, "ERROR")
         print(f"{verdict:10} {time.monotonic() - begun:6.1f} s  {mutant.file}  {mutant.name}", flush=True)
         if verdict == "ERROR":
@@ -211,7 +213,7 @@ def main() -> int:
         chosen = drawn(chosen, asked.random, asked.seed)
     with copied() as copy:
         tests = sorted({test for mutant in chosen for test in mutant.tests})
-        code, output = tested(copy, tests, keeps_bytecode=True, seconds=4.0 * TIME_LIMIT_S)
+        code, output = run_tests(copy, tests, keeps_bytecode=True, seconds=4.0 * TIME_LIMIT_S)
         if code != PASSED:
             print(f"without a mutant, these tests do not pass:\n{output}", file=sys.stderr)
             return 1
