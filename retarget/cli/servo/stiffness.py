@@ -1,6 +1,7 @@
 """`retarget servo stiffness`: measure the stiffness of a servo on the robot, by held goals under a known load."""
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import typer
@@ -125,6 +126,8 @@ def _play(body: RobotBody, options: RunOptions, held: HeldGoals, hung: Hung | No
             raise InputError("a human has no servos", where="--robot")
         if hung is not None:
             command.bench.hang(hung.mass, hung.frame)
+            # The weight is a press to a contact detector, which knows the body file alone.
+            prepared = replace(prepared, machine=replace(prepared.machine, contact=None))
         stop = signals.enter_context(stop_on_signals(moves=True))
         prepared = playing_back(prepared, held.goals)
         with progress_bar(options.robot, len(held.goals)) as show:
