@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from hardware.dynamixel.serial_port import BytePort
 from hardware.imu import (
-    GRAVITY,
+    STANDARD_GRAVITY,
     ImuReading,
     ImuSpec,
     ImuTracker,
@@ -121,6 +121,6 @@ class SerialImu:
         size = math.hypot(*axis)
         turn = 2.0 * math.atan2(size, abs(w)) / (passed * PERIOD)
         rate = math.copysign(turn / size, w) if size > 0.0 else 0.0
-        force = tuple(1e-3 * GRAVITY * one for one in frame.acceleration)
+        force = tuple(1e-3 * STANDARD_GRAVITY * one for one in frame.acceleration)
         reading = ImuReading(frame.orientation, (rate * axis[0], rate * axis[1], rate * axis[2]), force)  # type: ignore[arg-type]
         self.tracker.take(reading, time)

@@ -11,7 +11,7 @@ from hardware.arrays import FloatArray
 
 Vector = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
-GRAVITY = 9.80665
+STANDARD_GRAVITY = 9.80665
 """[m/s^2] One g, in which makers give accelerations."""
 FRESH = 0.05
 """[s] Age of a valid sample: five frames at 100 Hz, six cycles at 125 Hz."""
@@ -19,7 +19,7 @@ FROZEN = 0.2
 """[s] A sensor without any changed bit for so long is frozen."""
 FASTEST = math.radians(2000.0)
 """[rad/s] Range of the gyroscopes."""
-STRONGEST = 16.0 * GRAVITY
+STRONGEST = 16.0 * STANDARD_GRAVITY
 """[m/s^2] Widest range of the accelerometers."""
 BNO08X_BAUD = 115200
 """[bit/s] (datasheet)."""

@@ -5,7 +5,7 @@ import math
 from hardware.bno08x import PERIOD, RvcFrame, encoded
 from hardware.clock import Clock
 from hardware.errors import BusError, describe
-from hardware.imu import GRAVITY, ImuReading
+from hardware.imu import STANDARD_GRAVITY, ImuReading
 from sim.imu import ImuStandIn, roll_pitch_yaw
 
 MOST_FRAMES = 50
@@ -76,5 +76,5 @@ def frame_of(reading: ImuReading, index: int) -> RvcFrame:
     """Return the frame of a reading with an orientation, clipped to its range."""
     assert reading.orientation is not None, "the sensor has one"
     roll, pitch, yaw = (round(100.0 * math.degrees(one)) for one in roll_pitch_yaw(reading.orientation))
-    x, y, z = (min(max(round(1e3 * one / GRAVITY), -0x8000), 0x7FFF) for one in reading.acceleration)
+    x, y, z = (min(max(round(1e3 * one / STANDARD_GRAVITY), -0x8000), 0x7FFF) for one in reading.acceleration)
     return RvcFrame(index % 256, (yaw, pitch, roll), (x, y, z))

@@ -14,7 +14,18 @@ import numpy as np
 
 from hardware.arrays import FloatArray
 from hardware.clock import Clock
-from hardware.imu import GRAVITY, STRONGEST, ImuReading, ImuSample, ImuSpec, ImuTracker, Quat, Vector, product, rotated
+from hardware.imu import (
+    STANDARD_GRAVITY,
+    STRONGEST,
+    ImuReading,
+    ImuSample,
+    ImuSpec,
+    ImuTracker,
+    Quat,
+    Vector,
+    product,
+    rotated,
+)
 from retarget import rotations
 from retarget.arithmetic import arcsin, arctan2
 from retarget.ik.base_pose import plant_root
@@ -32,7 +43,7 @@ class ImuTruth:
 
     orientation: Quat = LEVEL
     angular_velocity: Vector = (0.0, 0.0, 0.0)
-    acceleration: Vector = (0.0, 0.0, GRAVITY)
+    acceleration: Vector = (0.0, 0.0, STANDARD_GRAVITY)
 
 
 STILL = ImuTruth()
@@ -67,7 +78,7 @@ class PlantedMotion:
         x, y, z = rotations.rotation_vector(product(rotations.inverse(self._before), turn))
         speed = (x / elapsed, y / elapsed, z / elapsed) if elapsed > 0.0 else (0.0, 0.0, 0.0)
         self._q, self._time, self._before = q, now, turn
-        return ImuTruth(turn, speed, rotated(rotations.inverse(turn), (0.0, 0.0, GRAVITY)))
+        return ImuTruth(turn, speed, rotated(rotations.inverse(turn), (0.0, 0.0, STANDARD_GRAVITY)))
 
 
 @dataclass(frozen=True)
@@ -99,7 +110,7 @@ class Ailment(Enum):
 
 SPIKES = 0.2
 """Share of readings that are spikes."""
-SPIKE = 1e3 * GRAVITY  # [m/s^2, rad/s]
+SPIKE = 1e3 * STANDARD_GRAVITY  # [m/s^2, rad/s]
 KEPT = 100
 """Motions that wait for the delay."""
 

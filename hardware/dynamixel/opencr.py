@@ -10,7 +10,7 @@ from functools import cached_property
 
 from hardware.dynamixel.control_table import ControlTable, row_registers, rows_of
 from hardware.dynamixel.cyclic import LOST_AFTER, PROBE_PERIOD, BusLine, ReadKind, ReadRequest, Timeouts
-from hardware.imu import GRAVITY, ImuReading, ImuSpec, ImuTracker, from_roll_pitch_yaw
+from hardware.imu import STANDARD_GRAVITY, ImuReading, ImuSpec, ImuTracker, from_roll_pitch_yaw
 
 ID, NUMBER = 200, 0x7400
 """As delivered."""
@@ -18,7 +18,7 @@ POWER = 24
 IMU_CONTROL = 50
 GYRO_UNIT = math.radians(2000.0 / 32800.0)
 """[rad/s] per count."""
-FORCE_UNIT = 2.0 / 32768.0 * GRAVITY
+FORCE_UNIT = 2.0 / 32768.0 * STANDARD_GRAVITY
 """[m/s^2] per count."""
 ANGLE_UNIT = math.radians(0.1)
 """[rad] per count of roll, pitch and yaw."""

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hardware.imu import GRAVITY, ImuSample
+from hardware.imu import STANDARD_GRAVITY, ImuSample
 from retarget._solver import Probe
 from retarget.arithmetic import Dwell, arccos, matmul
 from retarget.model.robot import RobotBody
@@ -147,7 +147,7 @@ def _is_beyond(arms: FloatArray, up: Vector, ahead: Vector, turn: Vector, speed:
     ax, ay, az = arm
     about = (wy * az - wz * ay, wz * ax - wx * az, wx * ay - wy * ax)  # omega x arm
     height = max(_dot(arm, up), 0.0)
-    return _dot(arm, (x, y, z)) + _dot(plus(about, speed), (x, y, z)) * sqrt(height / GRAVITY) > 0.0
+    return _dot(arm, (x, y, z)) + _dot(plus(about, speed), (x, y, z)) * sqrt(height / STANDARD_GRAVITY) > 0.0
 
 
 def _dot(a: Vector, b: Vector) -> float:

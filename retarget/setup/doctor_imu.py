@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hardware.imu import GRAVITY, ImuSample
+from hardware.imu import STANDARD_GRAVITY, ImuSample
 from retarget.setup.doctor_machine import DoctorFinding, finding
 
 STILL_S, TILT_S = 1.0, 5.0
@@ -88,5 +88,5 @@ def held_of(samples: list[ImuSample]) -> Held | None:
     oriented = np.array([sample.tilt for sample in last]).mean(axis=0)
     spans = np.diff([sample.time for sample in valid], append=valid[-1].time)
     turned = (spans[:, None] * np.array([sample.angular_velocity for sample in valid])).sum(axis=0)
-    up = float(np.mean([sample.acceleration[2] for sample in last])) / GRAVITY
+    up = float(np.mean([sample.acceleration[2] for sample in last])) / STANDARD_GRAVITY
     return Held(tuple(oriented.tolist()), tuple(weighed.tolist()), tuple(turned.tolist()), up)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware.imu import GRAVITY, ImuSpec
+from hardware.imu import STANDARD_GRAVITY, ImuSpec
 from retarget.model.body_file import engine
 from sim.imu import ImuTruth
 from sim.physics.simulation import Simulation
@@ -27,7 +27,7 @@ class LinkMotion:
         simulation, data, found = self._simulation, self._simulation.data, self._found
         w, x, y, z = data.xquat[self._link].tolist()
         if not simulation.moves:  # a hand, a stand or a rope holds it
-            up = GRAVITY * data.xmat[self._link].reshape(3, 3)[2]
+            up = STANDARD_GRAVITY * data.xmat[self._link].reshape(3, 3)[2]
             return ImuTruth((w, x, y, z), (0.0, 0.0, 0.0), (up[0], up[1], up[2]))
         self._velocity(self._model, data, self._kind, self._link, found, 1)
         turn = found[:3].copy()

@@ -12,7 +12,7 @@ from hardware.bno08x import FRAME_BYTES, PERIOD, RvcDecoder, RvcFrame, SerialImu
 from hardware.clock import VirtualClock
 from hardware.imu import (
     FROZEN,
-    GRAVITY,
+    STANDARD_GRAVITY,
     ImuFault,
     ImuKind,
     ImuReading,
@@ -27,7 +27,7 @@ from sim.imu import Ailment, ImuErrors, ImuStandIn, ImuTruth, roll_pitch_yaw
 HALF_TURN = ImuSpec(ImuKind.OPENCR, "body", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), bus="main", id=200)
 BNO = ImuSpec(ImuKind.BNO08X, "body", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), port="/dev/imu")
 PERFECT = ImuErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-UPRIGHT = ImuReading((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY))
+UPRIGHT = ImuReading((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, STANDARD_GRAVITY))
 ANGLES = st.floats(-3.1, 3.1)
 COUNTS = st.integers(-0x8000, 0x7FFF)
 
@@ -43,15 +43,19 @@ def test_a_sample_is_along_the_axes_of_the_link() -> None:
     """A board that is turned by half a turn about z, on a robot that leans forward by 0.2 rad and falls on."""
     tracker = ImuTracker(HALF_TURN)
     sine, cosine = math.sin(0.2), math.cos(0.2)
-    board = ImuReading(from_roll_pitch_yaw(0.0, -0.2, 0.0), (0.0, -1.5, 0.3), (GRAVITY * sine, 0.0, GRAVITY * cosine))
+    board = ImuReading(
+        from_roll_pitch_yaw(0.0, -0.2, 0.0), (0.0, -1.5, 0.3), (STANDARD_GRAVITY * sine, 0.0, STANDARD_GRAVITY * cosine)
+    )
     tracker.take(board, 1.0)
     sample = tracker.sample(1.01)
     assert sample.orientation is not None and sample.valid and sample.age == pytest.approx(0.01)
     np.testing.assert_allclose(sample.angular_velocity, [0.0, 1.5, 0.3], atol=1e-12)
-    np.testing.assert_allclose(sample.acceleration, [-GRAVITY * sine, 0.0, GRAVITY * cosine], atol=1e-12)
+    np.testing.assert_allclose(
+        sample.acceleration, [-STANDARD_GRAVITY * sine, 0.0, STANDARD_GRAVITY * cosine], atol=1e-12
+    )
     assert sample.tilt == pytest.approx((0.0, 0.2), abs=1e-9)
     up = rotations.rotate(rotations.conjugate(sample.orientation), [0.0, 0.0, 1.0])
-    np.testing.assert_allclose(GRAVITY * up, sample.acceleration, atol=1e-9)  # both say the same of what is up
+    np.testing.assert_allclose(STANDARD_GRAVITY * up, sample.acceleration, atol=1e-9)  # both say the same of what is up
 
 
 def test_before_the_first_reading_nothing_is_known() -> None:
@@ -83,11 +87,11 @@ def test_a_sensor_that_hangs_is_not_believed_and_one_that_goes_on_is() -> None:
     "reading",
     [
         None,
-        ImuReading((1.0, 0.0, 0.0, 0.0), (0.0, 36.0, 0.0), (0.0, 0.0, GRAVITY)),
-        ImuReading((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -17.0 * GRAVITY)),
-        ImuReading((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, math.nan), (0.0, 0.0, GRAVITY)),
-        ImuReading((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY)),
-        ImuReading(from_roll_pitch_yaw(1.5, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, GRAVITY, 0.0)),
+        ImuReading((1.0, 0.0, 0.0, 0.0), (0.0, 36.0, 0.0), (0.0, 0.0, STANDARD_GRAVITY)),
+        ImuReading((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -17.0 * STANDARD_GRAVITY)),
+        ImuReading((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, math.nan), (0.0, 0.0, STANDARD_GRAVITY)),
+        ImuReading((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, STANDARD_GRAVITY)),
+        ImuReading(from_roll_pitch_yaw(1.5, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, STANDARD_GRAVITY, 0.0)),
     ],
     ids=["out of range", "too fast", "too strong", "no number", "no turn", "a jump"],
 )
@@ -164,7 +168,7 @@ def test_a_serial_sensor_is_read_without_waiting_and_has_a_rate() -> None:
     clock = VirtualClock()
 
     def motion() -> ImuTruth:
-        return ImuTruth(from_roll_pitch_yaw(0.0, 0.3, clock.now()), (0.0, 0.0, 1.0), (0.0, 0.0, GRAVITY))
+        return ImuTruth(from_roll_pitch_yaw(0.0, 0.3, clock.now()), (0.0, 0.0, 1.0), (0.0, 0.0, STANDARD_GRAVITY))
 
     port = EmulatedBno08x(ImuStandIn(BNO, motion=motion, errors=PERFECT), clock)
     port.open(BNO.baud)
@@ -181,7 +185,7 @@ def test_a_serial_sensor_is_read_without_waiting_and_has_a_rate() -> None:
     assert sample.orientation is not None
     world = rotations.rotate(sample.orientation, sample.angular_velocity)
     np.testing.assert_allclose(world, [0.0, 0.0, 1.0], atol=0.05)
-    np.testing.assert_allclose(sample.acceleration, [0.0, 0.0, GRAVITY], atol=0.01)
+    np.testing.assert_allclose(sample.acceleration, [0.0, 0.0, STANDARD_GRAVITY], atol=0.01)
 
 
 @pytest.mark.parametrize(

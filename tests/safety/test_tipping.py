@@ -11,7 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from followers import op3
-from hardware.imu import GRAVITY, ImuSample
+from hardware.imu import STANDARD_GRAVITY, ImuSample
 from retarget import rotations
 from retarget.ik.base_pose import plant_root
 from retarget.ik.support_polygon import plant
@@ -178,7 +178,7 @@ def test_falls_are_those_of_a_pendulum(way: float, tilt: float, rate: float) -> 
     axis, behind, height = pendulum(robot, q, way)
     radius = sqrt(behind * behind + height * height)
     left = np.arctan2(-behind, height) - tilt  # rad to the top
-    needed = 2.0 * GRAVITY / radius * (1.0 - cos(left))  # (rad/s)^2
+    needed = 2.0 * STANDARD_GRAVITY / radius * (1.0 - cos(left))  # (rad/s)^2
     if left <= 0.0:
         needed = -needed  # beyond the top it comes back only if it is fast enough backwards
     over = rate * abs(rate) - needed

@@ -8,7 +8,7 @@ import pytest
 from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import CyclicImu
 from hardware.dynamixel.cyclic import BusLine
-from hardware.imu import GRAVITY, ImuSpec, from_roll_pitch_yaw, rotated
+from hardware.imu import STANDARD_GRAVITY, ImuSpec, from_roll_pitch_yaw, rotated
 from retarget.model.robot import load_uncalibrated
 from retarget.setup.doctor_imu import tilt_findings
 from retarget.setup.doctor_machine import DoctorFinding
@@ -36,7 +36,7 @@ class Hands:
         share = min((self._clock.now() - self._since) / DONE_S, 1.0)
         w, x, y, z = q = from_roll_pitch_yaw(share * roll, share * pitch, 0.0)
         speed = 1.0 / DONE_S if share < 1.0 else 0.0
-        return ImuTruth(q, (roll * speed, pitch * speed, 0.0), rotated((w, -x, -y, -z), (0.0, 0.0, GRAVITY)))
+        return ImuTruth(q, (roll * speed, pitch * speed, 0.0), rotated((w, -x, -y, -z), (0.0, 0.0, STANDARD_GRAVITY)))
 
 
 RIGHT = ((0.0, ANGLE), (-ANGLE, 0.0))

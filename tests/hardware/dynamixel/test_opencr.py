@@ -14,7 +14,7 @@ from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.opencr import ID, IMU_FIRST, TABLE, imu_reading
-from hardware.imu import GRAVITY, ImuFault, ImuKind, ImuSample, ImuSpec, from_roll_pitch_yaw
+from hardware.imu import STANDARD_GRAVITY, ImuFault, ImuKind, ImuSample, ImuSpec, from_roll_pitch_yaw
 from hardware.joint_map import JointMap
 from sim.bno08x import EmulatedBno08x
 from sim.emulator.faults import Fault, FaultKind
@@ -98,7 +98,7 @@ def test_the_units_of_a_reading() -> None:
     reading = imu_reading(struct.pack("<9h", 164, -1640, 0, 0, -16384, 16384, 300, -100, 1800))
     assert reading is not None
     assert reading.angular_velocity == pytest.approx((math.radians(10.0), math.radians(-100.0), 0.0))
-    assert reading.acceleration == pytest.approx((0.0, -GRAVITY, GRAVITY))
+    assert reading.acceleration == pytest.approx((0.0, -STANDARD_GRAVITY, STANDARD_GRAVITY))
     assert reading.orientation == pytest.approx(from_roll_pitch_yaw(math.radians(30.0), math.radians(-10.0), math.pi))
 
 
@@ -119,7 +119,11 @@ def test_it_is_read_with_the_servos_and_costs_their_cycle_nothing() -> None:
         assert float(np.mean(rig.took[10:])) <= ratio * float(np.mean(without.took[10:]))
     assert samples[-1].time > samples[-3].time and not rig.notes[1:]
     roll, pitch = samples[-1].tilt
-    assert abs(roll) < 0.03 and abs(pitch) < 0.03 and samples[-1].acceleration[2] == pytest.approx(GRAVITY, abs=0.5)
+    assert (
+        abs(roll) < 0.03
+        and abs(pitch) < 0.03
+        and samples[-1].acceleration[2] == pytest.approx(STANDARD_GRAVITY, abs=0.5)
+    )
 
 
 def test_goals_that_come_at_once_wait_for_its_answer() -> None:
@@ -187,7 +191,7 @@ def test_damaged_answers_are_never_a_wrong_sample() -> None:
     rig.line.faults.add(Fault(FaultKind.FLIP, ids=(ID,), rate=0.5), rig.clock.now())
     for sample in rig.run(200):
         assert abs(sample.tilt[0]) < 0.03 and np.abs(sample.angular_velocity).max() < 0.05
-        assert sample.acceleration[2] == pytest.approx(GRAVITY, abs=0.5)
+        assert sample.acceleration[2] == pytest.approx(STANDARD_GRAVITY, abs=0.5)
 
 
 def test_a_serial_sensor_beside_the_bus() -> None:

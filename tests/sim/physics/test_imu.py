@@ -8,7 +8,7 @@ import pytest
 
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
-from hardware.imu import GRAVITY, ImuSample
+from hardware.imu import STANDARD_GRAVITY, ImuSample
 from retarget import rotations
 from retarget.cli.buses import posture_ticks
 from retarget.model.robot import RobotBody, load_robot
@@ -55,14 +55,14 @@ def test_a_falling_robot_says_how(robot: RobotBody) -> None:
     before = round(1.4 / CYCLE)
     assert all(sample.valid for sample in samples[5:])
     assert all(abs(angle) < 0.1 for angle in samples[before].tilt)
-    assert samples[before].acceleration[2] == pytest.approx(GRAVITY, abs=0.6)
+    assert samples[before].acceleration[2] == pytest.approx(STANDARD_GRAVITY, abs=0.6)
     assert max(sample.tilt[1] for sample in samples) > 1.2
     assert max(float(sample.angular_velocity[1]) for sample in samples) > 1.5
     lying = replace(samples[-1], acceleration=np.mean([sample.acceleration for sample in samples[-100:]], axis=0))
-    assert np.linalg.norm(lying.acceleration) == pytest.approx(GRAVITY, abs=0.6)
+    assert np.linalg.norm(lying.acceleration) == pytest.approx(STANDARD_GRAVITY, abs=0.6)
     assert lying.orientation is not None
     up = rotations.rotate(rotations.conjugate(lying.orientation), [0.0, 0.0, 1.0])
-    assert float(np.dot(up, lying.acceleration)) / GRAVITY == pytest.approx(1.0, abs=0.05)
+    assert float(np.dot(up, lying.acceleration)) / STANDARD_GRAVITY == pytest.approx(1.0, abs=0.05)
 
 
 def test_the_gyroscope_is_the_change_of_the_orientation(robot: RobotBody) -> None:
