@@ -18,7 +18,7 @@ THERMAL_S = 300.0
 """[s] Time constant of a servo's case, as simulated. None was stated or measured."""
 RATE_S = 60.0
 """[s] Averaging time, since the register has steps of one degree."""
-EVERY_S = 1.0
+EVERY_S = 1.0  # the register has steps of one degree and is read every 0.2 s
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from pathlib import Path
 from hardware.errors import printable
 
 PROCESSES = Path("/proc")
-LONGEST_COMMAND = 90
-MOST_PROCESSES = 100_000
+LONGEST_COMMAND = 90  # characters of a command line in a message
+MOST_PROCESSES = 100_000  # looked at
 
 
 def named_process(number: int | str, processes: Path = PROCESSES) -> str:

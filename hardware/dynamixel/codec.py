@@ -230,7 +230,7 @@ class Protocol2(Codec):
 
 
 protocol1, protocol2 = Protocol1(), Protocol2()
-CODECS: dict[int, Protocol1 | Protocol2] = {1: protocol1, 2: protocol2}
+CODECS: dict[int, Protocol1 | Protocol2] = {1: protocol1, 2: protocol2}  # by number of the protocol
 
 
 class ScanResult(NamedTuple):
@@ -421,7 +421,7 @@ def side_by_side(statuses: Sequence[Status]) -> Answers:
     )
 
 
-LAYOUTS = 512
+LAYOUTS = 512  # kept in a cache
 
 
 class _Layout(NamedTuple):

@@ -546,7 +546,7 @@ def _groups(servos: Sequence[Wired]) -> list[Group]:
 
 WINDOW_S = 0.05
 """[s] Window of the error rate."""
-FEWEST = 4
+FEWEST = 4  # cycles by which the rate is divided at least: one bad cycle alone is no rate
 
 
 class ErrorRate:
@@ -573,7 +573,7 @@ class ErrorRate:
         return retries
 
 
-GROUP_TRIES = 3
+GROUP_TRIES = 3  # requests of one group in a cycle
 
 
 class BusLine:

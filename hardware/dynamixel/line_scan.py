@@ -20,7 +20,7 @@ LIKELY = (1000000, 57600, 2000000, 3000000, 4000000, 115200)
 """[bits/s] Factory settings (X, MX: 57600; AX: 1000000) and common choices, most likely first."""
 LIKELY_IDS = range(61)
 """1.0 ids of a quick scan. Humanoids number by limbs, up to 54 on Poppy."""
-MOST_DIVIDED = 255
+MOST_DIVIDED = 255  # largest value of the 8-bit baud register of 1.0
 UNREAD_ERROR = "reports an error, and does not say which"
 
 

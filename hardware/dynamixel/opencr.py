@@ -27,9 +27,9 @@ FULL_SCALE = 32767
 MOST_ANGLE = 3600
 """[count] Largest angle: half a turn and the firmware's offset."""
 IMU_NAMES = ("gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z", "roll", "pitch", "yaw")
-IMU_FIRST = 32
+IMU_FIRST = 32  # register address
 _MEASURED = struct.Struct("<9h")
-TABLE = ControlTable(
+TABLE = ControlTable(  # OpenCR's own registers
     model="OpenCR",
     number=NUMBER,
     protocol=2,

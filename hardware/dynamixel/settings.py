@@ -12,7 +12,7 @@ from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
 from hardware.servo import Layout, ServoMode, ServoSpec
 
-BLOCK_BYTES = 64
+BLOCK_BYTES = 64  # read at once
 LAST_REGISTERS = ("present_temperature", "hardware_error_status", "lock", "goal_acceleration")
 
 

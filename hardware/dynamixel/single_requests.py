@@ -35,7 +35,7 @@ BROADCAST_SETTLE = 0.016
 PING_BYTES = protocol2.STATUS_BYTES + 3
 SPREAD = 0.001
 """[s] Largest difference between the answers of two servos with one id."""
-MAX_RECEIVED = 65_536
+MAX_RECEIVED = 65_536  # bytes kept of a line that does not fall silent
 
 
 @dataclass(frozen=True)

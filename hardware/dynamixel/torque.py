@@ -22,7 +22,7 @@ from hardware.errors import BusError, HardwareError
 from hardware.servo import ServoSpec
 
 CHECK_WIRING = "Check power and wiring, or whether the host is too busy"
-CONFIRM_TRIES = 2
+CONFIRM_TRIES = 2  # a lost answer is no refusal
 
 
 def register_of(line: BusLine, name: str) -> Register:

@@ -15,7 +15,7 @@ from retarget.robot.walking.pattern import Request
 
 Shares = tuple[float, float, float]
 """Velocity forward, to the left, and turning to the left: shares, -1 to 1, of the robot's fastest walk."""
-STAND: Shares = (0.0, 0.0, 0.0)
+STAND: Shares = (0.0, 0.0, 0.0)  # no walk
 
 
 class Stick(Protocol):
@@ -41,7 +41,7 @@ def velocity_of(shares: Shares, fastest: Request) -> Request:
 
 LAPSE_S = 0.6
 """Time, s, for which a key counts: keyboards wait 0.5 s before they repeat."""
-WALK_KEYS: dict[str, Shares] = {
+WALK_KEYS: dict[str, Shares] = {  # the shares of each held key are added
     "w": (1.0, 0.0, 0.0),
     "s": (-1.0, 0.0, 0.0),
     "a": (0.0, 1.0, 0.0),

@@ -32,7 +32,7 @@ _NEEDED_JOINTS = (
     *(f"{side}_{part}" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle") for side in "lr"),
 )
 
-_DOWN = np.array([0.0, 0.0, -1.0])
+_DOWN = np.array([0.0, 0.0, -1.0])  # unit vector
 
 
 def calibrate(frames: SensorFrames) -> HumanDimensions:

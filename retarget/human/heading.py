@@ -165,7 +165,7 @@ def _lines(positions: Mapping[str, Point], pairs: Sequence[tuple[str, str, float
     return total
 
 
-_BETWEEN_FEET = ((*ANKLES, 1.0),)
+_BETWEEN_FEET = ((*ANKLES, 1.0),)  # a pair of sensors and its weight
 
 
 def _hands_ahead(positions: Mapping[str, Point]) -> complex:

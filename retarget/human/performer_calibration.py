@@ -23,7 +23,7 @@ OPTION = "--person"
 LAYOUT = 2
 """Layout of the file. Another one is refused, as its numbers mean other things."""
 STEP = "Measure anew with --recalibrate"
-MASS_KG = (2.0, 400.0)
+MASS_KG = (2.0, 400.0)  # a mass beyond is mistyped
 FARTHEST = (3.0, 0.1)  # a point may be this many times as far from its parent as usual, and this many m more
 _NAME = re.compile(r"[\w-]{1,40}")
 # Points whose offsets go straight down from their parents.

@@ -54,19 +54,19 @@ _GROUPS: tuple[tuple[str, ...], ...] = (
 )
 
 SEGMENT_SPREAD = 0.05  # relative, between people, of a segment's share of stature
-BREADTH_SPREAD = 0.08
+BREADTH_SPREAD = 0.08  # the same of the breadths of shoulders and hips
 ARM_SPREAD_RAD = 0.6  # forward and back; sideward arms are free, which distinguishes N, A and T
-LEG_SPREAD_RAD = 0.25
+LEG_SPREAD_RAD = 0.25  # of a leg from straight down
 BEND_SPREAD_RAD = 0.15  # of an elbow or knee without a sensor
 SEEN_BEND_SPREAD_RAD = 0.4  # of one with a sensor
 
 _AVERAGE = proportional_dimensions(1.0)  # of stature 1 m: only the proportions are used
 
 
-_GROUP_OF = np.array(
+_GROUP_OF = np.array(  # index of the group of each point
     [next((group for group, members in enumerate(_GROUPS) if kind_of(name) in members), 0) for name in POINTS]
 )
-_BROAD = np.array([name[2:] in ("shoulder", "hip") for name in POINTS])
+_BROAD = np.array([name[2:] in ("shoulder", "hip") for name in POINTS])  # points that give the body its breadth
 _SEGMENT_ROWS = np.array([[POINTS.index(name) for name in limb] for limb in LIMBS])
 _HANDS = np.array([POINTS.index("l_hand"), POINTS.index("r_hand")])
 
@@ -111,12 +111,12 @@ REQUIRED = ("head", "l_wrist", "r_wrist")  # without ankles the ground (z = 0) s
 SENSOR_SPREAD_M = 0.01  # of a sensor about the joint centre that it stands for
 LOOSE_SPREAD_M = 0.05  # of a sensor beside its joint: a controller in the hand, a cap on the head
 KNOWN_SPREAD_M = 0.001  # of a known stature
-MAX_LOOSE_M = 0.2
+MAX_LOOSE_M = 0.2  # a sensor sits no farther from its joint
 MAX_RESIDUAL_M = 0.06  # root mean square; a worse fit is no rest pose of a human
 MAX_SPREADS = 5.0  # proportions farther off the average are no human's
 
 ALIKE_RAD = 0.61  # largest difference between the angles of both arms at rest
-MAX_CANDIDATES = 8
+MAX_CANDIDATES = 8  # frames for which a rest pose is fitted
 _LOOKED_AT = 600  # frames, evenly over the recording, among which rest poses are sought
 _APART_S = 0.5  # least time between candidates
 

@@ -101,7 +101,7 @@ LOOP_LIMIT_S = 600.0  # a loop ends by itself, s of the run
 SEAM_S = 1.0  # of the performer's time, from the last frame of a loop to its first
 MAX_KEPT = 80_000
 """Most ticks that are kept for the report, 10 minutes at 125 Hz. With 20 servos a row and its sample take 3.3 KB."""
-SPEEDS = (0.01, 10.0)
+SPEEDS = (0.01, 10.0)  # of `--speed`, times the recorded one
 RATES_HZ = (1.0, 2000.0)  # [Hz] of `--rate`; values beyond these limits are mistyped
 
 

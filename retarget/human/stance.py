@@ -93,7 +93,7 @@ FEET_APART_M = 0.5
 posture that no robot takes on its soles."""
 FEET_LEVEL_M = 0.05  # shoes, straps and noise make less; it changes a stature by 2 %
 OFF_BASE_M = 0.15  # the head stands 5 cm ahead of the ankles
-HANDS_AHEAD_M = 0.3
+HANDS_AHEAD_M = 0.3  # of the head, or behind it: hands that hang or are held aside are nearer
 KNEES_AHEAD_M = 0.1  # a knee bent so far lowers the body by 3 cm (2 %)
 LOWEST_HEAD_M = 0.7  # below, the sender's axes or unit are wrong, and no posture is judged
 

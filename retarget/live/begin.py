@@ -256,7 +256,7 @@ class Beginning:
 
 
 KEPT_S = 600.0  # of a run that are recorded for its report
-FOR_EVER = 10**9
+FOR_EVER = 10**9  # more ticks than any run has
 HUMAN_RATE_HZ = 100.0  # without a robot profile
 
 

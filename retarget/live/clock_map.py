@@ -97,7 +97,7 @@ class SlidingMinimum:
         return self._bucket % count
 
 
-OFFSET_WINDOW_S = 2.0
+OFFSET_WINDOW_S = 2.0  # of arrivals; the earliest one gives the offset of a sender's clock
 EARLY_S = 0.005  # a datagram that is earlier than all others by more counts only when others confirm it
 STAMP_AHEAD_S = 0.100  # a datagram stamped further ahead is dropped until its clock is accepted
 LATE_S = 0.250  # later datagrams are dropped: the robot must not follow a pose that old

@@ -58,7 +58,7 @@ class PlayoutDelay:
 
 
 DEPTH = 64  # kept poses of each sensor
-EXTRAPOLATION_S = 0.050
+EXTRAPOLATION_S = 0.050  # longest, beyond the newest pose
 WRONG_CAPTURE_S = 0.100  # a capture time farther after its arrival is wrong
 
 

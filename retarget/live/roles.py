@@ -22,8 +22,8 @@ from retarget.types import BoolArray, FloatArray
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-_UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
-_NOWHERE: Triple = (0.0, 0.0, 0.0)
+_UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)  # wxyz
+_NOWHERE: Triple = (0.0, 0.0, 0.0)  # no offset
 _HAND_FORWARD = (
     0.13  # [m] of SlimeVR's hand forward of the forearm's line, arms hanging (measured, default proportions)
 )

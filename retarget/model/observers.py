@@ -113,7 +113,7 @@ def steps_between(body: BodyModel, first: int, second: int) -> int:
     return len(body.links_between(first, second).intersection(body.joint_body.tolist()))
 
 
-NO_SCENE = SceneShapes(
+NO_SCENE = SceneShapes(  # no obstacle
     (), np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool)
 )
 

@@ -17,7 +17,7 @@ LEAST_SHOULDERS, LEAST_HIPS, LEAST_FOOT = 0.1, 0.03, 0.03
 SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
 _SEGMENT_OF = {"wrist": "elbow", "ankle": "knee", "toe": "knee"}
 """At rest a hand is turned as the forearm, and a foot as the shank."""
-_DOWN = np.array([0.0, 0.0, -1.0])
+_DOWN = np.array([0.0, 0.0, -1.0])  # unit vector
 
 
 def limb_turns(skeleton: Skeleton, sensors: Sequence[str]) -> FloatArray:

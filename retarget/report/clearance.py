@@ -326,7 +326,7 @@ NEUTRAL = "attractor"
 """The human's posture in which touching pairs are left out."""
 
 
-NOTHING = Clearance(None, 0, None)
+NOTHING = Clearance(None, 0, None)  # no other body
 
 
 def robot_clearances(

@@ -287,7 +287,7 @@ CONTACT_M = 0.005
 """Height, m, above the ground z = 0 up to which a corner of a sole supports."""
 OUTSIDE_M = 1e-4
 """Distance, m, of a centre of mass that is outside the support polygon."""
-_DIRECTIONS = np.deg2rad(np.arange(0.0, 360.0, 2.0))
+_DIRECTIONS = np.deg2rad(np.arange(0.0, 360.0, 2.0))  # [rad] in which the edge is looked for
 
 
 def tilt(orientation: FloatArray) -> FloatArray:

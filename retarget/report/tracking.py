@@ -404,7 +404,7 @@ SEEDS, TRIES = 500, 12
 """Postures spread over the arm, and number of the nearest that begin a search, because of local minima."""
 AWAY_M = 0.15
 """Distance, m, beyond which a hand is away, for a robot of any size."""
-STEPS = 40
+STEPS = 40  # iterations of a search, which begins far from its end
 
 
 @dataclass(frozen=True)

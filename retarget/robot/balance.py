@@ -147,7 +147,7 @@ STRENGTH_BRAKING = 0.5
 BACK = 0.5
 """Acceleration of an overloaded joint's return, m/s^2."""
 
-_FREE = np.zeros((0, 7))
+_FREE = np.zeros((0, 7))  # half spaces of a strength that limits nothing
 
 
 class StandingStrength:

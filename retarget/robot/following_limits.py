@@ -93,7 +93,7 @@ LIMBS = {"knee": ("hip", "ankle"), "elbow": ("shoulder", "hand")}
 """Middle joint of a limb: frames at its ends."""
 BENT = 0.2
 """Least bend of knees and elbows, rad, as straight limbs are singular."""
-SAMPLES = 181
+SAMPLES = 181  # angles at which a joint is tried
 
 
 def servo_limits(robot: RobotBody) -> JointLimits:

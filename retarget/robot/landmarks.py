@@ -195,7 +195,7 @@ PELVIS_JOINTS = {"pelvis", "l_hip", "r_hip"}
 """The trunk carries limbs that are measured from these joints."""
 HEAD_ALONE = ("head",)
 ANKLES, HIPS = ("l_ankle", "r_ankle"), ("l_hip", "r_hip")
-FORWARD = (1.0, 0.0, 0.0)
+FORWARD = (1.0, 0.0, 0.0)  # unit vector
 
 
 class Role(Enum):

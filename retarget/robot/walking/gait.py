@@ -80,7 +80,7 @@ def walking_heights(gait: Gait, far: float) -> tuple[float, float]:
 
 PLANTED = "both soles stay planted"
 """Beginning of the note for the operator of a robot that stays planted."""
-SOLES = 2
+SOLES = 2  # of a robot that walks
 
 
 def with_steps(

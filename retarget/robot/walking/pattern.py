@@ -152,7 +152,7 @@ def bump(u: FloatArray) -> FloatArray:
     return 64.0 * square * square * square
 
 
-PEAK = 5.53
+PEAK = 5.53  # largest acceleration of `modified_sine`
 
 
 def modified_sine(u: float) -> float:

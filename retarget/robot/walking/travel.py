@@ -38,7 +38,7 @@ SLOWEST = 0.25
 """Speed from which a single lifted foot begins a walk, relative to the robot's fastest."""
 LEFT_OVER = 0.5
 """Backlog, in steps at full speed, that is not made up for."""
-_FOOT = {Carrying.LEFT: 1, Carrying.RIGHT: 0}
+_FOOT = {Carrying.LEFT: 1, Carrying.RIGHT: 0}  # the foot in the air, by the one that carries
 
 
 @dataclass(frozen=True)

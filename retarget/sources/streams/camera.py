@@ -187,7 +187,7 @@ BACK_M = 0.3
 """Largest distance of the hips ahead of the feet or behind them, m."""
 KNEE_M = 0.03
 """Forward bend, m, that is added to knees, so that straight ones bend forward."""
-_FORWARD, _UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+_FORWARD, _UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])  # unit vectors
 
 
 def _unit(vector: FloatArray) -> FloatArray:
