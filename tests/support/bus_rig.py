@@ -52,14 +52,14 @@ def bus_of(servos: Sequence[ServoSpec], *, name: str = "main", protocol: int = 2
 
 
 class Tapped(EmulatedPort):
-    """An emulated port that keeps what was sent; `latency_command`: the command that would fix its adapter."""
+    """An emulated port that keeps what was sent, and counts waits; `latency_command`: what would fix its adapter."""
 
     latency_command = "echo 1 | sudo tee latency_timer"
 
     def __init__(self, line: Line, clock: VirtualClock, *, name: str) -> None:
         super().__init__(line, clock, name=name)
         self.sent: list[bytes] = []
-        self.opened = False
+        self.opened, self.waits = False, 0
 
     def open(self, baud: int) -> None:
         super().open(baud)
@@ -68,6 +68,10 @@ class Tapped(EmulatedPort):
     def write(self, data: bytes) -> None:
         self.sent.append(data)
         super().write(data)
+
+    def wait(self, deadline: float) -> bool:
+        self.waits += 1
+        return super().wait(deadline)
 
     def close(self) -> None:
         super().close()

@@ -131,7 +131,7 @@ class ScriptedPort:
     def __init__(self, answer: Callable[[bytes], Replies], *, baud: int = 1_000_000, latency: float = 0.001) -> None:
         self.clock = VirtualClock()
         self.sent: list[bytes] = []
-        self.looks = 0
+        self.waits = 0
         self.name, self.baud, self.latency = "scripted", baud, latency
         self.broken = False
         self._answer = answer
@@ -151,13 +151,13 @@ class ScriptedPort:
 
     def read(self) -> bytes:
         self._check()
-        self.looks += 1
         data = b"".join(reply for due, reply in self._coming if due <= self.now())
         self._coming = [item for item in self._coming if item[0] > self.now()]
         return data
 
     def wait(self, deadline: float) -> bool:
         self._check()
+        self.waits += 1
         due = self._coming[0][0] if self._coming else deadline
         self.clock.sleep_until(min(due, deadline))
         return bool(self._coming) and due <= self.now()
