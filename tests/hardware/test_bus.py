@@ -21,27 +21,6 @@ FULL = 885  # PWM limit as delivered
 LINES = ("one", "two", "three")
 
 
-@pytest.mark.parametrize("action", ["read", "write", "torque"])
-def test_a_closed_bus_does_nothing(action: str) -> None:
-    rig = BusRig(specs(2))
-
-    def act() -> None:
-        if action == "read":
-            rig.bus.read()
-        elif action == "write":
-            rig.bus.write(ServoGoals(np.array([2048, 2048])))
-        else:
-            rig.bus.torque(False)
-
-    with refuses(BusError):
-        act()
-    rig.ready().bus.close()
-    rig.bus.close()
-    with refuses(BusError):
-        act()
-    assert not rig.port.opened
-
-
 def test_ports_cost_the_slowest_and_not_the_sum() -> None:
     servos = [moved(spec(number), LINES[number % 3]) for number in range(1, 16)]
     wires = {name: LineTiming(latency=latency) for name, latency in zip(LINES, (0.0005, 0.001, 0.003), strict=True)}
@@ -59,13 +38,6 @@ def test_ports_cost_the_slowest_and_not_the_sum() -> None:
     assert sum(alone) > 1.5 * max(alone)
 
 
-def test_torque_needs_goals_first() -> None:
-    rig = BusRig(specs(2)).ready()
-    with refuses(BusError):
-        rig.bus.torque(True)
-    assert rig.shown("torque_enable") == [0, 0]
-
-
 @pytest.mark.parametrize("ticks", [(2048, 4096), (-1, 2048), (2048,)])
 def test_goals_that_a_servo_does_not_have_are_not_sent(ticks: tuple[int, ...]) -> None:
     rig = BusRig(specs(2)).ready()
@@ -73,6 +45,22 @@ def test_goals_that_a_servo_does_not_have_are_not_sent(ticks: tuple[int, ...]) -
     with refuses(BusError):
         rig.bus.write(ServoGoals(np.array(ticks)))
     assert len(rig.port.sent) == before
+
+
+def test_a_closed_bus_does_nothing() -> None:
+    rig = BusRig(specs(2))
+
+    def act() -> None:
+        goals = ServoGoals(np.array([2048, 2048]))
+        for use in (rig.bus.read, lambda: rig.bus.write(goals), lambda: rig.bus.torque(False)):
+            with refuses(BusError):
+                use()
+
+    act()
+    rig.ready().bus.close()
+    rig.bus.close()
+    act()
+    assert not rig.port.opened
 
 
 def test_torque_rises_from_a_tenth_within_half_a_second() -> None:
@@ -104,25 +92,28 @@ def test_torque_rises_from_a_tenth_within_half_a_second() -> None:
     assert rig.shown("goal_pwm") == [FULL] * 3
     assert RAMP_TIME <= rig.clock.now() - begun <= RAMP_TIME + 0.1
     assert rig.bus.read().driven.all()
+    with refuses(BusError):  # an open bus is not opened again
+        rig.bus.open()
+    rig.bus.close()
+    assert rig.shown("torque_enable") == [0, 0, 0]
 
 
-def test_an_arm_that_moved_since_is_not_powered() -> None:
+def test_torque_needs_goals_first_of_an_arm_that_has_not_moved_since_and_no_latched_error() -> None:
     rig = BusRig(specs(3)).ready()
+
+    def refused(*facts: str | int) -> None:
+        with refuses(BusError, facts):
+            rig.bus.torque(True)
+        assert rig.shown("torque_enable") == [0, 0, 0]
+
+    refused()
     rig.tick()
     rig.devices[1].shaft.position += 100
-    with refuses(BusError, "j2", 2, 2048, "2148"):
-        rig.bus.torque(True)
-    assert rig.shown("torque_enable") == [0, 0, 0]
+    refused("j2", 2, 2048, "2148")
     assert not rig.bus.read().driven.any()
-
-
-def test_a_servo_with_a_latched_error_refuses_and_closing_leaves_all_off() -> None:
-    rig = BusRig(specs(3)).ready()
-    rig.tick()
+    rig.devices[1].shaft.position -= 100
     rig.fault(Fault(FaultKind.OVER_TEMPERATURE, ids=(2,)))
-    with refuses(BusError, "j2", 2, "OVERHEATING"):
-        rig.bus.torque(True)
-    assert rig.shown("torque_enable") == [0, 0, 0]
+    refused("j2", 2, "OVERHEATING")
     rig.bus.close()
     assert rig.shown("torque_enable") == [0, 0, 0]
 

@@ -15,7 +15,7 @@ from hardware.dynamixel.control_table import tables
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.torque import RESTART_TIMEOUT, BusDrive, restart
 from hardware.errors import BusError
-from hardware.servo import Layout, ServoGains, ServoMode, ServoSpec
+from hardware.servo import Layout, ServoGains, ServoMode
 from messages import refuses, shows
 from planted import failing
 from sim.emulator.faults import Direction, Fault, FaultKind
@@ -66,21 +66,25 @@ def test_a_late_answer_to_another_question_confirms_no_goal(
     assert rig.shafts().tolist() == [2048, 2700]
 
 
+def struck(rig: BusRig, fault: Fault) -> BusRig:
+    """A fault begins with the first cycle of the bus, behind all that opening asks."""
+    begin = rig.bus._begin
+
+    def first_cycle() -> None:
+        rig.fault(fault)
+        begin()
+
+    rig.bus._begin = first_cycle  # type: ignore[method-assign]
+    return rig
+
+
 @pytest.mark.parametrize("silent", [1, 2])
 def test_turns_are_counted_whichever_servo_misses_the_first_cycle(silent: int) -> None:
     rig = of_many_turns()
-    two = rig.device(2)
-    two.place(FAR)
-    two.reboot(0.0)
+    rig.device(2).place(FAR)
+    rig.device(2).reboot(0.0)
     rig.clock.advance(1.0)
-    begin = rig.bus._begin
-
-    def skipped() -> None:
-        rig.fault(Fault(FaultKind.MISSING, ids=(silent,), end=0.004))
-        begin()
-
-    rig.bus._begin = skipped  # type: ignore[method-assign]
-    rig.bus.open()
+    struck(rig, Fault(FaultKind.MISSING, ids=(silent,), end=0.004)).bus.open()
     rig.clock.advance(0.2)
     states = rig.tick().states
     assert states.position.tolist() == [2048, FAR]
@@ -88,15 +92,7 @@ def test_turns_are_counted_whichever_servo_misses_the_first_cycle(silent: int) -
 
 
 def test_torque_stays_off_where_turns_are_not_known() -> None:
-    rig = of_many_turns()
-    begin = rig.bus._begin
-
-    def skipped() -> None:
-        rig.fault(Fault(FaultKind.MISSING, ids=(1,)))
-        begin()
-
-    rig.bus._begin = skipped  # type: ignore[method-assign]
-    rig.bus.open()
+    rig = struck(of_many_turns(), Fault(FaultKind.MISSING, ids=(1,))).ready()
     rig.bus.write(ServoGoals(rig.bus.read().position))
     with refuses(BusError, "j1", 1):
         rig.bus.torque(True)
@@ -125,17 +121,13 @@ def test_a_servo_that_started_anew_is_counted_anew_before_it_is_armed_again() ->
 
 
 @pytest.mark.parametrize(
-    ("protocol", "model", "by_current", "drive"),
-    [
-        (2, "XM430-W350", False, "goal_pwm"),
-        (2, "XM430-W350", True, "goal_current"),
-        (1, "MX-28", False, "torque_limit"),
-    ],
+    ("protocol", "model", "drive"),
+    [(2, "XM430-W350", "goal_pwm"), (2, "XM430-W350", "goal_current"), (1, "MX-28", "torque_limit")],
 )
-def test_a_robot_that_falls_gives_way(protocol: int, model: str, by_current: bool, drive: str) -> None:
+def test_a_robot_that_falls_gives_way(protocol: int, model: str, drive: str) -> None:
     """Also a servo that carried the robot; and torque that comes on again is whole."""
     servos = specs(2, model)
-    if by_current:
+    if drive == "goal_current":
         servos = [replace(one, mode=ServoMode.CURRENT_BASED_POSITION, current_limit=2.0) for one in servos]
     rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol)]).ready(torque=True)
     full, other = rig.shown(drive)
@@ -153,11 +145,9 @@ def test_a_robot_left_half_powered_is_brought_to_its_profile(
     protocol: int, model: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     servos = [replace(one, gains=ServoGains(position_p=50)) for one in specs(2, model)]
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol)])
-    rig.ready()
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol)]).ready()
     rig.tick()
-    killed = failing(lambda: None, SystemExit(), [6])
-    monkeypatch.setattr(rig.bus, "_watch_rise", killed)
+    monkeypatch.setattr(rig.bus, "_watch_rise", failing(lambda: None, SystemExit(), [6]))
     monkeypatch.setattr(rig.bus, "_torque_off", lambda: None)
     with pytest.raises(SystemExit):
         rig.bus.torque(True)
@@ -171,8 +161,7 @@ def test_a_robot_left_half_powered_is_brought_to_its_profile(
     rig.clock.advance(0.05)
     rig.bus = rig.another()
     rig.ready(torque=True)
-    assert rig.shown(drive) == full
-    assert rig.shown(gain) == [50, 50]
+    assert rig.shown(drive) == full and rig.shown(gain) == [50, 50]
     shows(rig.notes, "j1", 1, gain, 5, 50)
 
 
@@ -226,79 +215,51 @@ def test_limp_servos_of_protocol_1_get_no_goal_and_rise_from_a_tenth() -> None:
     assert rig.shown("torque_enable") == [0, 0]
 
 
-def test_an_open_bus_is_not_opened_again() -> None:
-    rig = BusRig(specs(2)).ready(torque=True)
-    with refuses(BusError):
-        rig.bus.open()
-    rig.bus.close()
-    assert rig.shown("torque_enable") == [0, 0]
-
-
-GAINS = ServoGains(position_p=400, position_i=10, position_d=20, feedforward_1=5, feedforward_2=6)
-
-
-def wanted() -> list[ServoSpec]:
-    """Two servos with gains, one of many turns and one that limits its current."""
-    plain = [replace(one, gains=GAINS) for one in specs(3)]
-    plain[1] = replace(plain[1], mode=ServoMode.EXTENDED_POSITION)
-    plain[2] = replace(plain[2], mode=ServoMode.CURRENT_BASED_POSITION, current_limit=1.0)
-    return plain
-
-
-def writes(rig: BusRig, device: int) -> list[int]:
-    """Addresses that were written to one servo, in order."""
-    frames = [packet for packet in rig.port.sent if packet[4] == device and packet[7] == Instruction.WRITE]
-    return [packet[8] | packet[9] << 8 for packet in frames]
-
-
-def delivered(rig: BusRig) -> BusRig:
-    """All in the mode that servos are delivered in."""
-    for one in rig.devices:
-        one.memory.put("operating_mode", 3)
-        one.tune()
-    return rig
+GAINS = {"position_p": 400, "position_i": 10, "position_d": 20, "feedforward_1": 5, "feedforward_2": 6}
 
 
 def test_what_differs_is_written_once_and_kept() -> None:
-    rig = delivered(BusRig(wanted())).ready()
+    """Three servos with gains, one of many turns and one that limits its current, as they are delivered."""
+    servos = [replace(one, gains=ServoGains(**GAINS)) for one in specs(3)]
+    servos[1] = replace(servos[1], mode=ServoMode.EXTENDED_POSITION)
+    servos[2] = replace(servos[2], mode=ServoMode.CURRENT_BASED_POSITION, current_limit=1.0)
+    rig = BusRig(servos)
+    for one in rig.devices:
+        one.memory.put("operating_mode", 3)
+        one.tune()
+    rig.ready()
+
+    def writes(device: int) -> list[int]:
+        """Addresses that were written to one servo, in order."""
+        frames = [packet for packet in rig.port.sent if packet[4] == device and packet[7] == Instruction.WRITE]
+        return [packet[8] | packet[9] << 8 for packet in frames]
+
     assert rig.shown("operating_mode") == [3, 4, 5]
-    assert rig.shown("return_delay_time") == [0] * 3
-    for name, value in (
-        ("position_p_gain", 400),
-        ("position_i_gain", 10),
-        ("position_d_gain", 20),
-        ("feedforward_1st_gain", 5),
-        ("feedforward_2nd_gain", 6),
-        ("profile_velocity", 0),
-        ("profile_acceleration", 0),
-    ):
+    gains = [
+        f"{name}_gain" for name in ("position_p", "position_i", "position_d", "feedforward_1st", "feedforward_2nd")
+    ]
+    still = ("return_delay_time", "profile_velocity", "profile_acceleration", "torque_enable")
+    for name, value in (*zip(gains, GAINS.values(), strict=True), *((name, 0) for name in still)):
         assert rig.shown(name) == [value] * 3
     table = rig.device(1).table
     for device in (1, 2, 3):
-        written = writes(rig, device)
+        written = writes(device)
         assert len(written) == len(set(written))
-        modes = [address for address in written if address == table["operating_mode"].address]
-        assert len(modes) == (device > 1)
+        assert written.count(table["operating_mode"].address) == (device > 1)
         # A change of mode resets the gains: they come after everything in EEPROM.
         first_gain = min(written.index(table[name].address) for name in ("position_p_gain", "feedforward_1st_gain"))
         assert all(address >= table.eeprom_end for address in written[first_gain:])
     shows(rig.notes, "j2", 2, "return_delay_time", 250, 0, "operating_mode", 3, 4)
-    assert rig.shown("torque_enable") == [0] * 3
-
-
-def test_what_is_right_is_not_written_again() -> None:
-    rig = delivered(BusRig(wanted())).ready()
     rig.bus.close()
     rig.port.sent.clear()
     rig.notes.clear()
     rig.bus = rig.another()
     rig.ready()
-    assert [writes(rig, device) for device in (1, 2, 3)] == [[], [], []]
-    assert rig.notes == []
+    assert [writes(device) for device in (1, 2, 3)] == [[], [], []] and rig.notes == []
 
 
 def test_a_value_that_is_not_kept_is_named_and_the_ports_are_closed() -> None:
-    rig = BusRig([replace(one, gains=GAINS) for one in specs(2)])
+    rig = BusRig([replace(one, gains=ServoGains(**GAINS)) for one in specs(2)])
     one = rig.device(2)
     store, address = one.memory.store, one.table["position_p_gain"].address
 
@@ -312,30 +273,16 @@ def test_a_value_that_is_not_kept_is_named_and_the_ports_are_closed() -> None:
     assert not rig.port.opened
 
 
-def _line(rig: BusRig) -> BusLine:
-    rig.port.open(2_000_000)
-    return BusLine(bus_of(rig.servos), rig.port, list(enumerate(rig.servos)))
-
-
-def test_stopped_before_the_second_leaves_it_and_still_sees_the_first_back() -> None:
+def test_a_restart_ends_before_the_next_servo_and_names_in_bounded_time_who_stays_away() -> None:
     rig = BusRig(specs(3))
-    line = _line(rig)
+    rig.port.open(2_000_000)
+    line = BusLine(bus_of(rig.servos), rig.port, list(enumerate(rig.servos)))
     for one in rig.devices:
         one.memory.put("led", 1)
-    asked: list[bool] = []
-
-    def stop() -> bool:
-        asked.append(True)
-        return len(asked) > 1
-
-    done = restart(line, [1, 2, 3], stop)
+    asked = iter([False, True])
+    done = restart(line, [1, 2, 3], lambda: next(asked))
     assert done.ids == (1,) and done.problems == ()
     assert rig.shown("led") == [0, 1, 1] and not rig.devices[0].booting(rig.clock.now())
-
-
-def test_one_that_stays_away_is_named_in_bounded_time() -> None:
-    rig = BusRig(specs(2))
-    line = _line(rig)
     rig.fault(Fault(FaultKind.MISSING, ids=(2,)))
     begun = rig.clock.now()
     done = restart(line, [1, 2])
@@ -343,22 +290,17 @@ def test_one_that_stays_away_is_named_in_bounded_time() -> None:
     assert rig.clock.now() - begun < RESTART_TIMEOUT + 1.0
 
 
-@pytest.mark.parametrize("on", [True, False])
-def test_a_lost_packet_is_sent_again(on: bool) -> None:
-    rig = BusRig(specs(4)).ready(torque=not on)
+def test_a_lost_packet_is_sent_again_and_who_does_not_take_its_torque_is_named() -> None:
+    rig = BusRig(specs(4)).ready()
     (line,) = rig.bus.lines
     # The broadcast write, and nothing else: it is the first packet from here on.
-    rig.fault(Fault(FaultKind.DROP, direction=Direction.TO_SERVOS, end=1e-6))
-    if on:
-        torque.enable(line, [1, 2, 3, 4])
-    else:
-        assert torque.off_everywhere({line: line.servos}) == []
-    assert rig.shown("torque_enable") == [int(on)] * 4
-
-
-def test_who_does_not_take_its_torque_is_named() -> None:
-    rig = BusRig(specs(3)).ready()
-    (line,) = rig.bus.lines
+    lost = Fault(FaultKind.DROP, direction=Direction.TO_SERVOS, end=1e-6)
+    rig.fault(lost)
+    torque.enable(line, [1, 2, 3, 4])
+    assert rig.shown("torque_enable") == [1] * 4
+    rig.fault(lost)
+    assert torque.off_everywhere({line: line.servos}) == []
+    assert rig.shown("torque_enable") == [0] * 4
     rig.fault(Fault(FaultKind.MISSING, ids=(1,)))
     with refuses(BusError, "j1", 1):
         torque.enable(line, [1, 2, 3])
@@ -373,7 +315,7 @@ def off_everywhere(rig: BusRig) -> list[str]:
     return torque.off_everywhere({line: line.servos for line in rig.bus.lines})
 
 
-def test_all_servos_are_asked_before_any_is_waited_for() -> None:
+def test_all_servos_are_asked_before_any_is_waited_for_and_a_port_that_is_gone_is_named() -> None:
     rig = two_buses()
     rig.lines["main"].faults.add(Fault(FaultKind.MISSING), rig.clock.now())
     begun, sent = rig.clock.now(), list[float]()
@@ -384,9 +326,12 @@ def test_all_servos_are_asked_before_any_is_waited_for() -> None:
         send(data)
 
     rig.ports["two"].write = write  # type: ignore[method-assign]
-    unsure = off_everywhere(rig)
-    assert unsure == ["j1 (id 1)", "j2 (id 2)", "j3 (id 3)"]
+    assert off_everywhere(rig) == ["j1 (id 1)", "j2 (id 2)", "j3 (id 3)"]
     assert sent[0] < 0.001
+    assert rig.shown("torque_enable") == [1, 1, 1, 0, 0]
+    rig = two_buses()
+    rig.ports["main"].write = Mock(side_effect=BusError("unplugged"))  # type: ignore[method-assign]
+    assert off_everywhere(rig) == ["all of bus main (unplugged)"]
     assert rig.shown("torque_enable") == [1, 1, 1, 0, 0]
 
 
@@ -423,23 +368,12 @@ def test_a_line_without_known_servos_switches_them_off_and_asks(protocol: int) -
 
 def test_every_model_of_a_layout_has_its_torque_and_goal_in_the_same_places() -> None:
     """What is sent to all servos of a bus fits each of them."""
-    places: dict[tuple[int, Layout], set[tuple[int, ...]]] = {}
+    places = set()
     for table in tables():
         torque_on, goal = table["torque_enable"], table["goal_position"]
-        where = (torque_on.address, torque_on.size, goal.address, goal.size)
-        places.setdefault((table.protocol, table.layout), set()).add(where)
-    assert places == {
-        (1, Layout.OLDER): {(24, 1, 30, 2)},
-        (2, Layout.OLDER): {(24, 1, 30, 2)},
-        (2, Layout.X): {(64, 1, 116, 4)},
-    }
-
-
-def test_a_port_that_is_gone_is_named_and_the_others_are_switched_off() -> None:
-    rig = two_buses()
-    rig.ports["main"].write = Mock(side_effect=BusError("unplugged"))  # type: ignore[method-assign]
-    assert off_everywhere(rig) == ["all of bus main (unplugged)"]
-    assert rig.shown("torque_enable") == [1, 1, 1, 0, 0]
+        places.add((table.protocol, table.layout, torque_on.address, torque_on.size, goal.address, goal.size))
+    older = {(protocol, Layout.OLDER, 24, 1, 30, 2) for protocol in (1, 2)}
+    assert places == older | {(2, Layout.X, 64, 1, 116, 4)}
 
 
 def test_a_servo_that_keeps_torque_keeps_its_watchdog() -> None:
@@ -453,8 +387,7 @@ def test_a_servo_that_keeps_torque_keeps_its_watchdog() -> None:
 
     two.write = ignored  # type: ignore[method-assign]
     assert off_everywhere(rig) == ["j2 (id 2)"]
-    assert rig.shown("torque_enable") == [0, 1]
-    assert rig.shown("bus_watchdog") == [0, 5]
+    assert rig.shown("torque_enable") == [0, 1] and rig.shown("bus_watchdog") == [0, 5]
 
 
 def test_how_far_a_limp_joint_may_move_is_an_angle() -> None:
@@ -479,19 +412,11 @@ def test_turns_of_a_servo_that_has_torque_are_counted_before_it_is_driven(fault:
     rig.clock.advance(1.0)
     two.execute(Instruction.WRITE, b"\x40\x00\x01", rig.clock.now(), broadcast=False)
     assert two.memory.value("torque_enable") == 1
-    rig.bus = rig.another()
     if fault == "beyond":
         rig.servos[0] = replace(rig.servos[0], mode=ServoMode.EXTENDED_POSITION, lower=1.0, upper=1.4)
-        rig.bus = rig.another()
-    begin = rig.bus._begin
-
-    def without_answer() -> None:
-        if fault == "silent":
-            rig.fault(Fault(FaultKind.MISSING, ids=(1,)))
-        begin()
-        rig.clear_faults()
-
-    rig.bus._begin = without_answer  # type: ignore[method-assign]
+    rig.bus = rig.another()
+    if fault == "silent":
+        struck(rig, Fault(FaultKind.MISSING, ids=(1,), end=0.004))
     rig.bus.open()
     for _ in range(5):
         rig.clock.advance(0.05)
