@@ -28,9 +28,8 @@ from hardware.imu import (
 )
 from retarget import rotations
 from retarget.arithmetic import arcsin, arctan2
-from retarget.ik.base_pose import plant_root
 from retarget.ik.support_polygon import plant
-from retarget.model.robot import RobotBody
+from retarget.model.robot import RobotBody, plant_root
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 """No rotation."""

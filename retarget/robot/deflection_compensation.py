@@ -13,10 +13,9 @@ import numpy as np
 from hardware.arrays import FloatArray
 from hardware.servo import integral_rate, loop_lag
 from retarget.arithmetic import matmul
-from retarget.ik.base_pose import plant_root
 from retarget.ik.gravity_torque import GravityTorque, LinkMasses, joint_compliance
 from retarget.ik.support_polygon import Stance
-from retarget.model.robot import RobotBody
+from retarget.model.robot import RobotBody, plant_root
 from retarget.robot.landmarks import standing_dofs
 
 MOST_RAD = 0.2

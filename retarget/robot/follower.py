@@ -12,7 +12,6 @@ import numpy as np
 from retarget._solver import Footing, Solver, TrajectoryGenerator, braking_displacement
 from retarget.arithmetic import Dwell, matmul
 from retarget.human.samples import Parts
-from retarget.ik.base_pose import lift_soles
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles
 from retarget.ik.support_polygon import Stance, plant
@@ -21,7 +20,7 @@ from retarget.ik.whole_body_stop import StopPath, WholeBodyStop
 from retarget.model.body import JointLimits
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.observers import Observers, robot_observers
-from retarget.model.robot import TRUNK, RobotBody
+from retarget.model.robot import TRUNK, RobotBody, lift_soles
 from retarget.model.scene_state import SceneState
 from retarget.robot.arm_branches import DAMPING, ITERATIONS, ArmBranches
 from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, moving_share, standing_strength

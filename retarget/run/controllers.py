@@ -17,9 +17,8 @@ from retarget._solver import TrajectoryGenerator
 from retarget.frames import SensorSample
 from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import PerformerInput
-from retarget.ik.base_pose import plant_root
 from retarget.ik.whole_body_stop import StopPath
-from retarget.model.robot import RobotBody
+from retarget.model.robot import RobotBody, plant_root
 from retarget.robot.follower import Follower
 from retarget.robot.landmarks import standing_dofs
 from retarget.safety.contact import Press, return_path

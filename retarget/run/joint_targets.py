@@ -6,8 +6,7 @@ import numpy as np
 
 from retarget._solver import TrajectoryGenerator
 from retarget.human.samples import PerformerInput
-from retarget.ik.base_pose import plant_root
-from retarget.model.robot import RobotBody
+from retarget.model.robot import RobotBody, plant_root
 from retarget.robot.follower import Follower
 from retarget.run.controllers import JERK_S, RISE_S, Commanded, Controller, GoalsInstead, Target
 from retarget.types import FloatArray

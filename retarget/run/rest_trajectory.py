@@ -9,11 +9,10 @@ import numpy as np
 
 from retarget.errors import UsageError
 from retarget.human.samples import PerformerInput
-from retarget.ik.base_pose import plant_root
 from retarget.ik.hierarchy import SceneObstacles
 from retarget.ik.support_polygon import Stance, plant, support_distance
 from retarget.model.observers import contacts, robot_observers
-from retarget.model.robot import RobotBody
+from retarget.model.robot import RobotBody, plant_root
 from retarget.model.scene_state import SceneState
 from retarget.robot.follower import stance_angles
 from retarget.run.controllers import GoToRest, first_commanded, next_commanded

@@ -9,12 +9,11 @@ from hardware.guard_state import Stop
 from retarget import rotations
 from retarget.arithmetic import arctan2
 from retarget.human.samples import Clip, Parts
-from retarget.ik.base_pose import plant_roots
 from retarget.live.stream_report import LiveReport
 from retarget.model.body import BodyModel, JointType
 from retarget.model.human import Human
 from retarget.model.observers import Observers
-from retarget.model.robot import RobotBody
+from retarget.model.robot import RobotBody, plant_roots
 from retarget.model.scene_state import SceneState
 from retarget.robot.walking.travel import WalkTally
 from retarget.run.record import Record

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from retarget.ik.base_pose import plant_roots
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import Stance, support_distance, support_edges
 from retarget.ik.whole_body_stop import StopPath
-from retarget.model.robot import RobotBody
+from retarget.model.robot import RobotBody, plant_roots
 from retarget.types import BoolArray, FloatArray
 
 SOLE_M = 0.001  # [m] largest displacement of a sole's corner

@@ -10,14 +10,13 @@ import pytest
 from followers import op3
 from messages import refuses
 from retarget.errors import ConfigError
-from retarget.ik.base_pose import plant_root
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.support_polygon import half_spaces, plant
 from retarget.ik.tasks import Limb, SlotKind, compile_task
 from retarget.model.body import JointType
 from retarget.model.human import Human, build_human, human_limits
 from retarget.model.human_dimensions import proportional_dimensions
-from retarget.model.robot import load_robot
+from retarget.model.robot import load_robot, plant_root
 from retarget.model.scene_state import ObstaclePoses, SceneState
 from retarget.schema.priorities import (
     AxisTask,

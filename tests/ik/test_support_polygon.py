@@ -12,10 +12,9 @@ from followers import op3
 from hardware.servo import loop_stiffness
 from retarget import rotations
 from retarget.errors import ConfigError
-from retarget.ik.base_pose import plant_root
 from retarget.ik.gravity_torque import GravityTorque, joint_compliance
 from retarget.ik.support_polygon import Stance, check_stand, convex_hull, plant, support_distance, support_edges
-from retarget.model.robot import RobotBody, load_robot
+from retarget.model.robot import RobotBody, load_robot, plant_root
 from retarget.robot.landmarks import standing_dofs
 from retarget.types import FloatArray
 

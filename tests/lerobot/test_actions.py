@@ -11,12 +11,11 @@ from hardware.clock import VirtualClock
 from messages import refuses, shows
 from recordings import mock_bus
 from retarget.errors import InputError, UsageError
-from retarget.ik.base_pose import plant_root
 from retarget.ik.support_polygon import plant, support_distance
 from retarget.lerobot.actions import Actions, action_names, read_action
 from retarget.lerobot.robot import STALE_MS, Wiring, following_actions
 from retarget.model.observers import contacts, robot_observers
-from retarget.model.robot import RobotBody, load_robot
+from retarget.model.robot import RobotBody, load_robot, plant_root
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.loop import Ending, Operator, RunObserver, Tick
 from retarget.run.options import RunOptions

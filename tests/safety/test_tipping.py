@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from followers import op3
 from hardware.imu import STANDARD_GRAVITY, ImuSample
 from retarget import rotations
-from retarget.ik.base_pose import plant_root
 from retarget.ik.support_polygon import plant
-from retarget.model.robot import RobotBody
+from retarget.model.robot import RobotBody, plant_root
 from retarget.safety.tipping import FALLS_S, STANDS_S, TIPS, UNKNOWN_S, TipState, TipWatch
 from retarget.types import FloatArray
 

@@ -9,10 +9,10 @@ from gates import DrivenGate, admit
 from observed import scene_of as scene_of
 from observed import sphere as sphere
 from retarget import _solver
-from retarget.ik.base_pose import plant_roots
 from retarget.ik.hierarchy import SceneObstacles
 from retarget.ik.support_polygon import plant
 from retarget.model.observers import Observers, placed, robot_observers
+from retarget.model.robot import plant_roots
 from retarget.model.scene_state import SceneState
 from retarget.safety.clearance import KEPT_SHARE, PathClearance
 from retarget.safety.gate import Gate

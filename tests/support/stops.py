@@ -10,10 +10,9 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from hardware.guard import CheckedGoal
-from retarget.ik.base_pose import plant_roots
 from retarget.ik.support_polygon import Stance
 from retarget.model.observers import contacts, robot_observers
-from retarget.model.robot import RobotBody
+from retarget.model.robot import RobotBody, plant_roots
 from retarget.run.controllers import Commanded, RobotMotion, Target
 from retarget.types import FloatArray
 

@@ -18,10 +18,9 @@ from hardware.servo import loop_lag
 from retarget import rotations
 from retarget._solver import Probe
 from retarget.arithmetic import arctan2, cos, dot, matmul, norms, sin
-from retarget.ik.base_pose import plant_root
 from retarget.ik.gravity_torque import GRAVITY, UPWARD, joint_compliance
 from retarget.ik.support_polygon import Stance
-from retarget.model.robot import RobotBody
+from retarget.model.robot import RobotBody, plant_root
 from retarget.robot.balance import leg_joints
 from retarget.robot.deflection_compensation import DeflectionCompensation, Offset
 from retarget.robot.free_legs import UP
