@@ -46,14 +46,14 @@ def silent(states: ServoStates, age: float, who: slice = slice(None)) -> ServoSt
     return replace(states, valid=valid, age=ages)
 
 
+def later(states: ServoStates) -> ServoStates:
+    return replace(states, time=states.time + DT)
+
+
 def judge(health: BusHealth, states: ServoStates) -> StopCategory | None:
     fault = health.silence(states)
     assert fault is None or (fault.cause is StopCause.BUS_SILENT and "bus" in fault.reason)
     return None if fault is None else fault.category
-
-
-def later(states: ServoStates) -> ServoStates:
-    return replace(states, time=states.time + DT)
 
 
 def test_a_silent_bus_is_held_at_once_and_lost_after_some_time(states: ServoStates) -> None:
@@ -62,13 +62,10 @@ def test_a_silent_bus_is_held_at_once_and_lost_after_some_time(states: ServoStat
     assert judge(health, later(silent(states, 0.05))) is StopCategory.HOLD
     assert judge(health, later(silent(states, 0.051))) is StopCategory.TORQUE_OFF
     assert judge(health, states) is None
-
-
-def test_one_silent_cycle_of_a_host_that_was_held_up_is_no_lost_bus(states: ServoStates) -> None:
-    health = BusHealth(MAP, 0.05)
+    for _ in range(2):  # a host that was held up: it answers in between
+        assert judge(health, silent(states, 9.0)) is StopCategory.HOLD
+        assert judge(health, states) is None
     assert judge(health, silent(states, 9.0)) is StopCategory.HOLD
-    assert judge(health, states) is None
-    assert judge(health, silent(states, 9.0)) is StopCategory.HOLD  # it answered in between
     assert judge(health, later(silent(states, 9.0))) is StopCategory.TORQUE_OFF
 
 
@@ -80,21 +77,9 @@ def test_a_high_error_rate_is_reported(states: ServoStates) -> None:
     shows(fault.reason)
 
 
-def test_a_hot_servo_of_another_bus_stops_the_robot_while_one_bus_is_silent(states: ServoStates) -> None:
-    servos = [replace(servo, bus="legs" if place < 2 else "arms") for place, servo in enumerate(MAP.servos)]
-    health = ServoHealth(JointMap(servos), LIMITS)
-    hot = np.array([70.0, 30.0, 30.0, 30.0])
-    fault = health.check(replace(silent(states, 0.02, slice(2, None)), temperature=hot), None)
-    assert fault is not None and (fault.category, fault.cause) == (
-        StopCategory.BRAKE_AND_TORQUE_OFF,
-        StopCause.TEMPERATURE,
-    )
-
-
 def test_a_bus_of_limbs_alone_is_held_for_and_never_costs_the_torque(states: ServoStates) -> None:
-    servos = [replace(servo, bus="legs" if place < 2 else "arms") for place, servo in enumerate(MAP.servos)]
-    limits = replace(LIMITS, limbs=(False, False, True, True))
-    health = ServoHealth(JointMap(servos), limits)
+    divided = JointMap([replace(one, bus="legs" if place < 2 else "arms") for place, one in enumerate(MAP.servos)])
+    health = ServoHealth(divided, replace(LIMITS, limbs=(False, False, True, True)))
     found = []
     for tick in range(12):
         now = replace(silent(states, DT * (tick + 1), slice(2, None)), time=states.time + DT * tick)
@@ -102,6 +87,10 @@ def test_a_bus_of_limbs_alone_is_held_for_and_never_costs_the_torque(states: Ser
     categories = [None if fault is None else fault.category for fault in found]
     assert categories == [StopCategory.HOLD] * 10 + [StopCategory.BRAKE_AND_TORQUE_OFF, None]
     assert found[10] is not None and found[10].cause is StopCause.LIMB_LOST
+    hot = replace(silent(states, 0.02, slice(2, None)), temperature=np.array([70.0, 30.0, 30.0, 30.0]))
+    fault = ServoHealth(divided, LIMITS).check(hot, None)
+    assert fault is not None and fault.cause is StopCause.TEMPERATURE, "a servo of the other bus"
+    assert fault.category is StopCategory.BRAKE_AND_TORQUE_OFF
 
 
 def test_the_share_of_cycles_with_an_answer_counts_from_the_first_silent_one(states: ServoStates) -> None:
@@ -164,18 +153,21 @@ def test_the_guard_brakes_at_a_high_error_rate() -> None:
 
 LIMITS = GuardLimits(max_age=0.1, max_temperature=65.0, voltage=(10.0, 14.8), following_error=0.35)
 
-FAULTS = {
-    "hot": (FaultKind.HOT, 66.0, StopCause.TEMPERATURE, "hotter than 65 degrees Celsius: shoulder (id 1) 66"),
-    "low": (FaultKind.SUPPLY, 9.9, StopCause.VOLTAGE, "supply outside 10 to 14.8 V: shoulder (id 1) 9.9 V"),
-    "high": (FaultKind.SUPPLY, 15.0, StopCause.VOLTAGE, "supply outside 10 to 14.8 V: shoulder (id 1) 15.0 V"),
-    "stuck": (FaultKind.STUCK, 0.0, StopCause.FOLLOWING_ERROR, "more than 0.35 rad from its goal: shoulder (id 1) 0.3"),
-}
 
-
-@pytest.mark.parametrize("case", list(FAULTS))
-def test_a_servo_out_of_bounds_stops_the_robot(case: str) -> None:
-    kind, value, cause, text = FAULTS[case]
-    rig = Rig(MockFault(kind, first=20, cycles=1000, servo=0, value=value), limits=LIMITS)
+@pytest.mark.parametrize(
+    ("kind", "value", "inside", "cause", "text"),
+    [
+        (FaultKind.HOT, 66, 65, StopCause.TEMPERATURE, "hotter than 65 degrees Celsius: shoulder (id 1) 66"),
+        (FaultKind.SUPPLY, 9.9, 10, StopCause.VOLTAGE, "supply outside 10 to 14.8 V: shoulder (id 1) 9.9 V"),
+        (FaultKind.SUPPLY, 15, 14.8, StopCause.VOLTAGE, "supply outside 10 to 14.8 V: shoulder (id 1) 15.0 V"),
+        (FaultKind.STUCK, 0, 0, StopCause.FOLLOWING_ERROR, "more than 0.35 rad from its goal: shoulder (id 1) 0.3"),
+    ],
+)
+def test_a_servo_out_of_bounds_stops_the_robot(
+    kind: FaultKind, value: float, inside: float, cause: StopCause, text: str
+) -> None:
+    fault = MockFault(kind, first=20, cycles=1000, servo=0, value=value)
+    rig = Rig(fault, limits=LIMITS)
     rig.arm()
     rig.run(19)
     assert rig.stopped() is None
@@ -185,14 +177,8 @@ def test_a_servo_out_of_bounds_stops_the_robot(case: str) -> None:
     assert text in stop.reason
     assert not displacement(rig.guard).any() and rig.bus.torque_on
     rig.check_goals()
-
-
-@pytest.mark.parametrize("case", list(FAULTS))
-def test_within_bounds_or_unwatched_nothing_stops(case: str) -> None:
-    kind, value, _, _ = FAULTS[case]
-    inside = {"hot": 65.0, "low": 10.0, "high": 14.8, "stuck": 0.0}[case]
-    short = MockFault(kind, first=20, cycles=3 if case == "stuck" else 1000, servo=0, value=inside)
-    for rig in (Rig(short, limits=LIMITS), Rig(MockFault(kind, 20, 1000, servo=0, value=value))):
+    within = replace(fault, value=inside, cycles=3 if kind is FaultKind.STUCK else 1000)
+    for rig in (Rig(within, limits=LIMITS), Rig(fault)):  # within bounds, or unwatched
         rig.arm()
         rig.run(60)
         assert rig.guard.stop is None
@@ -301,9 +287,14 @@ def test_a_hot_servo_counts_more_than_one_that_is_not_read() -> None:
     assert rig.guard.stop is not None and rig.guard.stop.then is StopCause.TEMPERATURE
     assert not rig.guard.may_go_to_rest
     shows(rig.guard.stop.reason)
+    never_read = MockFault(FaultKind.SUPPLY, 0, 999, servo=1, value=float("nan"))
+    rig = Rig(never_read, MockFault(FaultKind.HOT, first=20, cycles=999, servo=0, value=66.0), limits=LIMITS)
+    rig.arm()
+    rig.run(50)
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.TEMPERATURE
 
 
-def test_of_a_coupled_pair_the_joints_count_not_the_servos() -> None:
+def test_of_a_coupled_pair_the_joints_count_and_what_a_load_explains_is_no_fault() -> None:
     joint_map = JointMap(waist_servos())
     bus = FaultyBus(joint_map.servos, VirtualClock(), start=joint_map.to_ticks(np.zeros(4)))
     bus.open()
@@ -316,16 +307,9 @@ def test_of_a_coupled_pair_the_joints_count_not_the_servos() -> None:
     assert fault.reason == "servo is more than 0.35 rad from its goal: yaw (id 3) 0.38 rad"
     assert health.check(states, states.position - np.array([0, 587, 587, 0]) // 2) is None  # roll, 0.26 rad
     # Where one of the two is silent, nothing is known of either joint.
-    silent = replace(states, valid=np.array([True, False, True, True]))
-    assert health.check(silent, states.position - off) is None
-
-
-def test_what_a_load_explains_is_no_fault() -> None:
-    """A servo that is held beside its goal is where it is to be; one that is not held there, is off."""
-    joint_map = JointMap(waist_servos())
-    bus = FaultyBus(joint_map.servos, VirtualClock(), start=joint_map.to_ticks(np.zeros(4)))
-    bus.open()
-    states = replace(bus.read(), driven=np.ones(4, dtype=np.bool_))
+    one_silent = replace(states, valid=np.array([True, False, True, True]))
+    assert health.check(one_silent, states.position - off) is None
+    # A servo that is held beside its goal is where it is to be; one that is not held there, is off.
     at = joint_map.to_radians(states.position)
     goal = at + np.array([0.5, 0.0, 0.0, 0.0])
     sent = joint_map.to_ticks(goal)
@@ -356,18 +340,6 @@ def test_the_guard_measures_errors_from_where_goals_hold_the_joints() -> None:
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.FOLLOWING_ERROR
 
 
-def test_values_missing_from_some_servos_suppress_no_warning_of_others() -> None:
-    """Unknown values go along with known ones that are watched as ever."""
-    rig = Rig(
-        MockFault(FaultKind.SUPPLY, 0, 999, servo=1, value=float("nan")),
-        MockFault(FaultKind.HOT, first=20, cycles=999, servo=0, value=66.0),
-        limits=LIMITS,
-    )
-    rig.arm()
-    rig.run(50)
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.TEMPERATURE
-
-
 def test_patience_counts_what_lasts_of_each_servo() -> None:
     levels = ServoLevels([(0.0, 1.0)], [0.2], 2)
     seen = [np.array([row]) for row in ([2.0, 0.0], [2.0, 2.0], [2.0, 2.0], [2.0, 0.0], [2.0, 2.0])]
@@ -378,11 +350,8 @@ def test_patience_counts_what_lasts_of_each_servo() -> None:
     assert not levels.count
 
 
-SERVO_WARNINGS_LIMITS = GuardLimits(
-    max_temperature=65.0,
-    warn_temperature=60.0,
-    voltage=(10.0, 14.8),
-    warn_voltage=(11.0, 14.0),
+WARNING_LIMITS = replace(
+    GuardLimits(max_temperature=65.0, warn_temperature=60.0, voltage=(10.0, 14.8), warn_voltage=(11.0, 14.0)),
     warn_current=1.5,
     current_time=0.5,
     warn_following_error=0.1,
@@ -391,14 +360,14 @@ SERVO_WARNINGS_LIMITS = GuardLimits(
 
 
 def warnings() -> tuple[ServoWarnings, np.ndarray[tuple[int, int], np.dtype[np.float64]]]:
-    rows = watched(SERVO_WARNINGS_LIMITS)
+    rows = watched(WARNING_LIMITS)
     seen = np.zeros((len(rows), len(MAP)))
     seen[WatchedRow.TEMPERATURE], seen[WatchedRow.VOLTAGE] = 40.0, 12.0
-    return ServoWarnings(MAP.servos, rows, SERVO_WARNINGS_LIMITS.slow_share), seen
+    return ServoWarnings(MAP.servos, rows, WARNING_LIMITS.slow_share), seen
 
 
 def test_a_warm_servo_slows_the_robot_to_half_within_the_limit_and_is_reported_once() -> None:
-    rig = Rig(MockFault(FaultKind.HOT, first=20, cycles=300, servo=1, value=61.0), limits=SERVO_WARNINGS_LIMITS)
+    rig = Rig(MockFault(FaultKind.HOT, first=20, cycles=300, servo=1, value=61.0), limits=WARNING_LIMITS)
     rig.arm()
     slows, news = [], []
     for _ in range(600):
@@ -419,35 +388,31 @@ def test_a_warm_servo_slows_the_robot_to_half_within_the_limit_and_is_reported_o
     assert next(tick for tick in range(half, 600) if slows[tick] > 0.5) >= 320 + round(CALM_S / DT) - 1
 
 
-def test_a_temperature_at_its_level_does_not_begin_and_end_all_the_time() -> None:
+def test_a_temperature_at_its_level_does_not_begin_and_end_all_the_time_and_news_are_bounded() -> None:
     warned, seen = warnings()
     for tick in range(2000):
         seen[WatchedRow.TEMPERATURE, 0] = 61.0 if tick // 50 % 2 else 59.0
         warned.look(seen, tick * DT)
     assert len(warned.take_news()) == 1 and warned.speed_override == 0.5
-
-
-def test_only_what_heat_is_about_slows() -> None:
-    for row, value, slows in (
-        (WatchedRow.VOLTAGE, 10.5, False),
-        (WatchedRow.AGE, 0.05, False),
-        (WatchedRow.CURRENT, 1.6, True),
-    ):
-        warned, seen = warnings()
-        seen[row, 2] = value
-        for tick in range(150):
-            warned.look(seen, tick * DT)
-        assert (warned.speed_override == 0.5) == slows, row
-        (text,) = warned.take_news()
-        assert "waist (id 3)" in text and ("of its speed" in text) == slows
-
-
-def test_news_that_are_not_taken_are_bounded() -> None:
     warned, seen = warnings()
     for tick in range(3 * MOST_NEWS):
         seen[WatchedRow.VOLTAGE] = 12.0 if tick % 2 else 10.5
         warned.look(seen, 2.0 * tick)
     assert len(warned.take_news()) == MOST_NEWS
+
+
+@pytest.mark.parametrize(
+    ("row", "value", "slows"),
+    [(WatchedRow.VOLTAGE, 10.5, False), (WatchedRow.AGE, 0.05, False), (WatchedRow.CURRENT, 1.6, True)],
+)
+def test_only_what_heat_is_about_slows(row: WatchedRow, value: float, slows: bool) -> None:
+    warned, seen = warnings()
+    seen[row, 2] = value
+    for tick in range(150):
+        warned.look(seen, tick * DT)
+    assert (warned.speed_override == 0.5) == slows
+    (text,) = warned.take_news()
+    assert "waist (id 3)" in text and ("of its speed" in text) == slows
 
 
 @given(st.lists(st.tuples(st.floats(20.0, 90.0), st.floats(0.0, 0.1)), min_size=1, max_size=60))
@@ -465,13 +430,14 @@ def test_the_speed_never_jumps(readings: list[tuple[float, float]]) -> None:
 
 
 def test_all_servos_are_named_as_such() -> None:
-    rows, every = watched(GuardLimits()), np.ones(4, dtype=bool)
-    volts, degrees = rows[WatchedRow.VOLTAGE], rows[WatchedRow.TEMPERATURE]
-    assert name_servos(four_servos(), volts, every, np.full(4, 10.2)) == "all 4 servos 10.2 V"
-    assert (
-        name_servos(four_servos(), volts, every, np.array([10.2, 10.1, 10.2, 10.1])) == "all 4 servos 10.1 V and 10.2 V"
-    )
-    assert name_servos(four_servos(), degrees, every, np.array([63.0, 60.0, 61.0, 62.0])) == "all 4 servos 60 to 63"
-    assert name_servos(four_servos(), rows[WatchedRow.AGE], every, np.ones(4)) == "all 4 servos"
-    few = four_servos()[:3]
-    assert name_servos(few, volts, np.ones(3, dtype=bool), np.full(3, 10.2)).count("(id") == 3
+    rows = watched(GuardLimits())
+
+    def named(row: WatchedRow, *values: float) -> str:
+        servos = four_servos()[: len(values)]
+        return name_servos(servos, rows[row], np.ones(len(servos), dtype=bool), np.array(values))
+
+    assert named(WatchedRow.VOLTAGE, 10.2, 10.2, 10.2, 10.2) == "all 4 servos 10.2 V"
+    assert named(WatchedRow.VOLTAGE, 10.2, 10.1, 10.2, 10.1) == "all 4 servos 10.1 V and 10.2 V"
+    assert named(WatchedRow.TEMPERATURE, 63.0, 60.0, 61.0, 62.0) == "all 4 servos 60 to 63"
+    assert named(WatchedRow.AGE, 1.0, 1.0, 1.0, 1.0) == "all 4 servos"
+    assert named(WatchedRow.VOLTAGE, 10.2, 10.2, 10.2).count("(id") == 3
