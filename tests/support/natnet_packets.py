@@ -159,6 +159,23 @@ def server_info(
     return datagram(1, out + pack("<QHB4B", clock_hz, port, multicast, 239, 255, 42, 99))
 
 
+ANN = 5 << 16
+"""Of the first skeleton: its number as bones have it."""
+CATALOGUE = Catalogue(
+    bodies=[Body("Quad", 2), Body("Held", -3, markers=0)],
+    skeletons=[
+        ("Ann", 5, [Body("Hip", 1, 0, (0, 1, 0)), Body("Spine", 2, 1, (0, 0.5, 0), markers=0), Body("Head", 3, 2)]),
+        ("Empty", 6, []),
+    ],
+    assets=[("Cloth", 8, [Body("Patch", 1)])],
+)
+MOTION = Motion(
+    bodies=[Pose(2, (1, 2, 3), (0.1, 0.7, 0.1, 0.7)), Pose(3, (4, 5, 6), flags=0)],
+    skeletons=[(5, [Pose(ANN | bone, (0, 1, 0), (0.5**0.5, 0, 0, 0.5**0.5)) for bone in (3, 1, 2)]), (6, [])],
+    assets=[(8, [Pose(8 << 16 | 1, (9, 9, 9))])],
+)
+
+
 # A Motive server without cameras: answers NatNet questions and streams a recorded or made motion as rigid bodies.
 
 _USUAL = Version(4, 1)
