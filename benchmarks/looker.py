@@ -17,7 +17,7 @@ def look(address: str) -> int:
     host, read = "/".join(address.split("/")[:3]), 0
     where = address.rstrip("/").replace("http", "ws", 1) + "/ws"
     with connect(where, origin=Origin(host), max_size=None) as link:
-        link.send(json.dumps({"say": "hello", "input": "watch", "id": "looker"}))
+        link.send(json.dumps({"type": "hello", "input": "watch", "id": "looker"}))
         print("looks", flush=True)
         while True:
             try:

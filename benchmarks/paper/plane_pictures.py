@@ -9,7 +9,7 @@ from benchmarks.paper.chain_runs import DT, ChainRun
 from benchmarks.paper.damping_law import BALL, DampedPoint
 from benchmarks.paper.outlines import OBSTACLE, ZONE_SHARE
 from benchmarks.paper.solver_rig import Ball
-from retarget.pictures.plots import ASKED, REACHED, WARNING, new_figure
+from retarget.pictures.plots import DESIRED, REACHED, WARNING, new_figure
 from retarget.types import FloatArray
 
 NEAR = "#e69f00"
@@ -25,7 +25,7 @@ def figure_4(points: list[DampedPoint]) -> Figure:
     _ball(axes, BALL, np.array(BALL.centre))
     for point in points:
         x, z = point.position[_PLANE]
-        _arrow(axes, point.position, point.asked, ASKED, 2.0)
+        _arrow(axes, point.position, point.asked, DESIRED, 2.0)
         _arrow(axes, point.position, point.got, REACHED, 3.0)
         axes.plot(x, z, "o", color="black", markersize=7, zorder=6)
         note = rf"{point.name}   $\alpha$ = {point.share:.2f}" if point.acted else f"{point.name}   unaltered"
@@ -34,7 +34,7 @@ def figure_4(points: list[DampedPoint]) -> Figure:
         if point.acted:
             foot = point.position - point.normal * (np.linalg.norm(point.position) - BALL.radius)
             axes.plot(*np.stack([point.position, foot])[:, _PLANE].T, ":", color="#00563f", linewidth=1.0, zorder=4)
-    axes.plot([], [], color=ASKED, linewidth=2.0, label="displacement asked")
+    axes.plot([], [], color=DESIRED, linewidth=2.0, label="displacement asked")
     axes.plot([], [], color=REACHED, linewidth=3.0, label="displacement given by the solver")
     axes.legend(loc="lower right", frameon=False, fontsize=9)
     _frame(axes, (-1.30, 1.30), (-1.15, 1.20))

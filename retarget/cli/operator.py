@@ -97,7 +97,7 @@ class RunOperator(Operator):
         """The present requests; see `Operator.poll`."""
         now, fault, failures = self._clock.now(), None, list[Failure]()
         with caught(failures, StopCause.SOURCE):
-            if self._page is not None and self._page.stop_asked():
+            if self._page is not None and self._page.stop_requested():
                 self.stop.request(ON_THE_PAGE)
         for control in self._controls:  # one that fails stops the robot, and hides no other
             with caught(failures, StopCause.SOURCE):

@@ -1,4 +1,4 @@
-"""What the page's player draws: performer, robot, centre of mass and soles, in fewer rows than there are ticks."""
+"""Data of the page's player: performer, robot, centre of mass and soles, in fewer rows than there are ticks."""
 
 import base64
 import math
@@ -24,26 +24,26 @@ from retarget.types import BoolArray, FloatArray, IntArray
 
 
 class Packed(str):
-    """Numbers of a track, in base64. size: bytes of one."""
+    """Numbers of a track in base64. size: bytes of a number."""
 
     size: int
 
 
 def packed(values: NDArray[Any], kind: str = "<f4") -> Packed:
-    """Pack an array as base64, of little-endian 32-bit floats if nothing is said; NaN stays for what is not known."""
+    """Pack an array, by default as little-endian 32-bit floats. NaN stays."""
     text = Packed(base64.b64encode(values.astype(kind).tobytes()).decode("ascii"))
     text.size = np.dtype(kind).itemsize
     return text
 
 
 MOST_INTEGER = 2**15 - 1
-"""Largest number of 16 bits with a sign."""
+"""Largest signed 16-bit integer."""
 
 
 def packed_poses(poses: FloatArray, centre: FloatArray) -> dict[str, Any]:
-    """Pack poses (T, m, 7) of position, m, and quaternion. numbers: base64 of little-endian 16-bit integers; step: what
-    one is of a position, m from the centre (T, 2) on the floor. Of a quaternion it is 1 / `MOST_INTEGER`, and one of
-    zeros is of what is not known."""
+    """Pack poses (T, m, 7) of position, m, and quaternion as little-endian 16-bit integers. The unit of a position
+    relative to the centre (T, 2) on the floor is `step`, m; that of a quaternion is 1 / MOST_INTEGER. A zero quaternion
+    is an unknown pose."""
     place = np.nan_to_num(poses[..., :3] - np.pad(centre, ((0, 0), (0, 1)))[:, None])
     step = max(float(np.abs(place).max(initial=0.0)), 1e-6) / MOST_INTEGER
     numbers = np.concatenate([place / step, np.nan_to_num(poses[..., 3:]) * MOST_INTEGER], axis=-1)
@@ -52,16 +52,16 @@ def packed_poses(poses: FloatArray, centre: FloatArray) -> dict[str, Any]:
 
 FPS = 30.0
 MOST_ROWS = 3000
-"""Pictures of a motion at most: a long run is shown more coarsely."""
+"""Largest number of rows. A longer run is thinned."""
 TRAVEL = 0.5
-"""A body that gets farther than this share of its height is followed by the view."""
+"""The view follows a body that travels farther than this share of its height."""
 
 
 def animation_of(run: RunResult) -> dict[str, Any] | None:
-    """What the player draws, as JSON; None of a run that followed nothing.
+    """Return the data of the player for JSON; None for a run that followed nothing.
 
-    time: ms. phase, gated: a letter a row. every: ticks to a row. moments: ms, at which something went wrong. recorded:
-    of a human alone, its body as the file knows it. poses: rows that are shown side by side.
+    time: ms. phase, gated: a letter per row. every: ticks per row. moments: times of faults, ms. recorded: body
+    of a human alone, from its file. poses: rows that are shown side by side.
     """
     record, following = run.record, run.record.following
     if following.stop - following.start < 2:
@@ -85,7 +85,7 @@ def animation_of(run: RunResult) -> dict[str, Any] | None:
 
 
 def _performer(run: RunResult, rows: IntArray) -> dict[str, Any]:
-    """The reconstructed human and the sensors, turned so that it faces x where following begins."""
+    """The reconstructed human and the sensors, rotated so that it faces x when following begins."""
     caption = "as reconstructed" + ("" if _recorded(run, rows) is None else "; lines: as recorded")
     heading, scene = performer_facing(run)[:1], obstacles(run, rows) if run.robot is None else None
     poses = facing_x(run.human.solid.poses(run.record.human_q[rows]), heading)
@@ -97,13 +97,13 @@ def _performer(run: RunResult, rows: IntArray) -> dict[str, Any]:
 
 
 def _robot(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
-    """The robot as it moved, see `RunResult.moved_q`, and the landmarks that were asked of it."""
+    """The robot as it moved, see `RunResult.moved_q`, and its desired landmarks."""
     robot, sent, q = run.robot, run.record.robot, run.moved_q
     if robot is None or sent is None or q is None:
         return None
     caption = "as sent" if run.physics is None else "as simulated"
     poses, marks, scene = robot.solid.poses(q[rows]), sent.landmarks_asked[rows], obstacles(run, rows)
-    made = figure(robot.profile.name, robot.solid, poses, marks=marks, layers=("asked", "pass"), scene=scene)
+    made = figure(robot.profile.name, robot.solid, poses, marks=marks, layers=("desired", "pass"), scene=scene)
     return made | {"caption": caption}
 
 
@@ -118,10 +118,10 @@ def figure(
     scene: tuple[Sequence[Mesh], FloatArray] | None = None,
     observers: tuple[Sequence[Mesh], FloatArray, FloatArray] | None = None,
 ) -> dict[str, Any]:
-    """A body with what is shown about it, see `Figure` of `figure.js`: poses and goal (T, links, 7); marks (T, k, 3),
-    measured of a performer, or asked of a robot; obstacles and observers, their meshes and poses (T, o, 7), of
-    obstacles also (1, o, 7), of observers also the nearest points (T, 2, 3) m of two. layers: what else can be hidden.
-    centre (T, 2): where the view looks. height, reach m: what it must show."""
+    """Return a body for `Figure` of `figure.js`. poses, goal: (T, links, 7). marks (T, k, 3): sensors of a performer or
+    desired landmarks of a robot, m. scene: meshes and poses (T or 1, o, 7) of obstacles. observers: meshes, poses
+    (T, o, 7) and nearest points (T, 2, 3), m. layers: names of other parts that can be hidden. The result also has
+    `centre` (T, 2), `height` and `reach`, m, for the view."""
     boxes = np.array([[mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)] for mesh in solid.meshes])
     corners = np.stack([boxes[:, [x, y, z], range(3)] for x in (0, 1) for y in (0, 1) for z in (0, 1)], axis=1)
     some = poses[:: math.ceil(len(poses) / MOST_ROWS)]
@@ -147,7 +147,7 @@ def figure(
 
 
 def _smooth(track: FloatArray, width: int) -> FloatArray:
-    """Moving mean over `width` rows of a track (T, 2), which goes on as it ends."""
+    """Moving mean over `width` rows of a track (T, 2), padded with its end values."""
     half = width // 2
     padded = np.vstack([np.repeat(track[:1], half, axis=0), track, np.repeat(track[-1:], width - 1 - half, axis=0)])
     kernel = np.full(width, 1.0 / width)
@@ -155,10 +155,10 @@ def _smooth(track: FloatArray, width: int) -> FloatArray:
 
 
 def ground(robot: RobotBody, q: FloatArray, rows: IntArray) -> dict[str, Any] | None:
-    """Soles and centre of mass of a robot in rows of postures (T, nq); None of one that does not stand. corners
-    (T, c, 3) of all soles, `sizes` of them each; com (T, 3); margin (T,), see `support_margin`. contact: m above the
-    ground that still carry. middle, span (2,): of all of it, seen from above. outside: a letter a row, 1 where the
-    centre of mass was beyond the edge in any of its ticks."""
+    """Return soles and centre of mass in rows of postures q (T, nq); None for a robot that does not stand. corners
+    (T, c, 3): of all soles, `sizes` per sole. com (T, 3). margin (T,): see `support_margin`. contact: height above the
+    ground that still carries, m. middle, span (2,): of all points seen from above. outside: a letter per row, 1 if the
+    centre of mass was outside in any of its ticks."""
     if not robot.stands:
         return None
     stand = motion_metrics.standing_of(robot, q)
@@ -177,7 +177,7 @@ def ground(robot: RobotBody, q: FloatArray, rows: IntArray) -> dict[str, Any] | 
 
 
 def _recorded(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
-    """The recorded body, turned as the performer's figure is."""
+    """The recorded body, rotated like the performer's figure."""
     if run.human_truth is None or run.robot is not None:
         return None
     names = run.record.human_joint_names
@@ -187,5 +187,5 @@ def _recorded(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
 
 
 def letters(flags: BoolArray, rows: IntArray) -> str:
-    """1 for a row in any tick of which the flag (T,) is up, else 0."""
+    """A letter per row: 1 if the flag (T,) is set in any of its ticks, else 0."""
     return "".join("1" if value else "0" for value in np.maximum.reduceat(flags, rows))

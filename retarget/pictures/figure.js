@@ -24,12 +24,12 @@ const LAYERS = {
   right: "right side",
   goal: "pale: the goal, where the robot is not",
   servos: "crosses: sensors of the performer",
-  asked: "crosses: where hands, feet and head are asked to be",
+  desired: "crosses: desired places of hands, feet and head",
   pass: "centre of mass over the soles; red: outside",
   observers: "rims: observers that act; line: the nearest two",
   scene: "obstacle",
 };
-const SHADES = { goal: "line", asked: "ink", observers: "gated" }; // of a layer whose name is no colour
+const SHADES = { goal: "line", desired: "ink", observers: "gated" }; // of a layer whose name is no colour
 const GHOSTS = { goal: 0.35, scene: 0.5, observers: 0.9 }; // bodies that are seen through, of observers only the rim
 const FIXED = ["left", "right"];
 const hidden = new Set();
@@ -45,9 +45,9 @@ export function legend(list, figures, changed) {
   }
 }
 
-export function niceStep(wanted) {
-  const power = 10 ** Math.floor(Math.log10(wanted));
-  return [1, 2, 5, 10].map((n) => n * power).find((n) => n >= wanted * 0.7) || wanted;
+export function niceStep(target) {
+  const power = 10 ** Math.floor(Math.log10(target));
+  return [1, 2, 5, 10].map((n) => n * power).find((n) => n >= target * 0.7) || target;
 }
 
 export const AHEAD = { azimuth: 35 * Math.PI / 180, elevation: 12 * Math.PI / 180 }; // as the pictures are seen
@@ -70,7 +70,7 @@ export class Figure {
   // com, margin, recorded (ends of lines)}. In the viewport that is set; plain: without floor and marks.
   draw(frame, { azimuth, elevation }, aspect, plain = false) {
     const { scene, about: { height, reach, layers, sizes } } = this, [x, y] = frame.at, size = 0.02 * height;
-    const marks = layers.includes("servos") ? "servos" : "asked", seen = (name) => frame[name] && !hidden.has(name);
+    const marks = layers.includes("servos") ? "servos" : "desired", seen = (name) => frame[name] && !hidden.has(name);
     scene.shadow = { at: [x, y], half: 1.3 * Math.max(reach, height) };
     scene.pose("body", frame.poses);
     for (const name in GHOSTS) scene.pose(name, seen(name) ? frame[name] : null);
@@ -117,7 +117,7 @@ export function closed(points) {
   return points.flatMap((point, i) => [...point, ...points[(i + 1) % points.length]]);
 }
 
-// Soles, the centre of mass, and the point below it; whether that is outside.
+// Soles, the centre of mass, and the point below it; true if that is outside.
 export function showGround(scene, frame, sizes, size) {
   const [x, y, z] = frame?.com || [], outside = frame && !(frame.margin[0] >= -1e-4);
   scene.lines("soles", frame ? soles(frame, sizes).flatMap(closed) : [], { colour: rgb("ink"), width: 1, over: true });

@@ -27,6 +27,6 @@ function drawAbove() {
   above.clear();
   above.draw(...orbit(Math.PI, Math.PI / 2, half / Math.tan(field / 2), [...ground.middle, 0], aspect, field));
   const margin = ground.margin[row], mm = Math.abs(1000 * margin).toFixed(1);
-  $("say-above").textContent = Number.isNaN(margin) ? "nothing touches the ground" : mm + (outside ? " mm outside" : " mm inside");
-  $("say-above").className = outside ? "fail" : "pass";
+  $("output-above").textContent = Number.isNaN(margin) ? "nothing touches the ground" : mm + (outside ? " mm outside" : " mm inside");
+  $("output-above").className = outside ? "fail" : "pass";
 }

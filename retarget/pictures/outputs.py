@@ -1,4 +1,4 @@
-"""The files that a command was asked to write: checked before anything moves, written when all is done."""
+"""Output files of a command: checked before anything moves, written at the end."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,18 +13,16 @@ from retarget.schema.files import check_folder, check_path, check_place, refuse_
 from retarget.types import Watch, unwatched
 
 PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
-"""Names of the files in `--plots DIR`, known without importing what draws them."""
+"""Names of the files in `--plots DIR`, listed here so that Matplotlib is not imported."""
 FILE_NAME, PAGE_NAME, RUN_NAME = "report.json", "report.html", "run.npz"
-"""Names of the files in `--report DIR`, and of the run beside them in the folder of a demo."""
+"""Names of the files in `--report DIR`, and of the run in the folder of a demo."""
 PAGES = (".html", ".htm")
-"""Suffixes that no folder has: somebody asks for a page alone."""
+"""Suffixes of a page, which are refused as names of folders."""
 
 
 def report_path(text: str | Path) -> Path:
-    """Path of a report: FILE.json, or `report.json` in a folder, which need not be there yet.
-
-    Raises UsageError if it cannot be written there.
-    """
+    """Return the path of a report: FILE.json, or `report.json` in a folder. Raises UsageError if it is not
+    writable."""
     path = Path(text)
     check_path(path, option="--report")
     page = page_path(path)
@@ -36,10 +34,9 @@ def report_path(text: str | Path) -> Path:
 
 
 def page_path(text: str | Path) -> Path | None:
-    """Path of the page of a report: `report.html` in the folder that is given; None where a file is meant.
+    """Return the path of the page of a report, `report.html` in the given folder; None for a file.
 
-    A name that is not there yet is a folder's, also one with a dot, unless it ends in `.json`. Raises UsageError for
-    the name of a page.
+    A new name is a folder's unless it ends in `.json`. Raises UsageError for the name of a page.
     """
     path = Path(text)
     suffix = "" if path.is_dir() else path.suffix.lower()
@@ -56,7 +53,7 @@ def page_path(text: str | Path) -> Path | None:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Files of a run, and what is shown of it. page: path of the page of the report, set by `checked`.
+    """Output files of a run. page: path of the page of the report, set by `checked`.
 
     Results:
         report FILE.json|DIR: Write the numbers; into a folder, with a page.
@@ -83,17 +80,20 @@ class Outputs:
 
     @property
     def measured(self) -> bool:
-        """Whether a file is asked for that is written of the whole run."""
+        """True if an output needs the whole run."""
         return any((self.report, self.page, self.save, self.plots, self.animate))
 
     def checked(self) -> "Outputs":
-        """Return the places of the files. Raises UsageError for the first one that cannot be written, or is there."""
+        """Return the outputs with the paths of their files. Raises UsageError for the first one that cannot be written,
+        or exists."""
+        if self.animate is not None:
+            from retarget.pictures.solid import animation_path
         places = replace(
             self,
             report=None if self.report is None else report_path(self.report),
             page=None if self.report is None else page_path(self.report),
             save=None if self.save is None else save_path(self.save),
-            animate=None if self.animate is None else _animation_path(self.animate),
+            animate=None if self.animate is None else animation_path(self.animate),
         )
         if self.plots is not None:
             check_folder(self.plots, option="--plots")
@@ -103,12 +103,12 @@ class Outputs:
 
     @classmethod
     def in_folder(cls, folder: Path) -> "Outputs":
-        """All of them in one folder, made when they are written. Raises UsageError if that cannot be."""
+        """Return all outputs in one folder, which `write` makes. Raises UsageError if it is not writable."""
         check_folder(folder, option="folder")
         return cls(report=folder / FILE_NAME, page=folder / PAGE_NAME, save=folder / RUN_NAME, plots=folder)
 
     def refuse_existing(self, option: str = "") -> None:
-        """Raise UsageError for the first file that is there already. option: by which all of them were asked for."""
+        """Raise UsageError for the first file that exists. option: the one option of all files, for the message."""
         places = [
             ("--report", self.report),
             ("--report", self.page),
@@ -122,8 +122,8 @@ class Outputs:
                 refuse_existing(path, option=option or own)
 
     def write(self, run: RunResult, report: Report, *, watch: Watch = unwatched) -> "WrittenFiles":
-        """Write what was asked for, one after the other: what cannot be written does not keep the rest from it. watch:
-        around an animation, which KeyboardInterrupt ends."""
+        """Write each output. A failure does not keep the others from being written. watch: shows the progress of an
+        animation, which KeyboardInterrupt ends."""
         if self.page is not None or self.plots is not None:
             from retarget.pictures.page import write_page
             from retarget.pictures.plots import figures_of, write_plots
@@ -156,22 +156,15 @@ class Outputs:
         return WrittenFiles(tuple(files), tuple(problems))
 
 
-def _animation_path(path: Path) -> Path:
-    """As `animation_path`, which is imported with what draws."""
-    from retarget.pictures.solid import animation_path
-
-    return animation_path(path)
-
-
 @dataclass(frozen=True)
 class WrittenFiles:
-    """What became of the files of a run. files: what each one is, and where; problems: why others are not there."""
+    """Files that `Outputs.write` wrote. files: kind and path; problems: sentences on the others."""
 
     files: tuple[tuple[str, Path], ...]
     problems: tuple[str, ...]
 
     def listed(self, *, every: bool) -> str:
-        """The files in words: their folders, or every one."""
+        """The files in words. every: list each of them, else one entry per folder."""
         paths = [path for _, path in self.files]
         if every:
             return ", ".join(map(str, paths))
@@ -182,7 +175,7 @@ class WrittenFiles:
 
     @property
     def first(self) -> Path | None:
-        """The file to look at first: page, animation or picture of the poses, else any; None where there is none."""
+        """The file to open first: page, animation or picture of the poses, else any; None if there is none."""
         by_name = {path.name if what == "picture" else what: path for what, path in self.files}
         known = (by_name.get(what) for what in ("page", "animation", "poses.png", "report", "run", "recording"))
         return next(filter(None, known), None)

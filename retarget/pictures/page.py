@@ -1,4 +1,4 @@
-"""The HTML page of a run: one file, nothing from elsewhere, and no script but our own is allowed to run."""
+"""The HTML page of a run: one file that loads nothing else and allows no foreign script."""
 
 import base64
 import hashlib
@@ -18,7 +18,7 @@ from retarget.report.report import Report, Spread
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder, write_atomic
 
-# Our own pictures as drawings inside a page: they stay sharp in print, and its style makes them light or dark.
+# Figures as SVG inside the page: they stay sharp in print, and the style of the page makes them light or dark.
 
 _TAG = re.compile(r"<[^<>]*>")
 _PLACES = re.compile(r'\b(?:d|x|y)="[^"]*"')
@@ -29,9 +29,9 @@ _LEFT_OUT = re.compile(r"<metadata>.*?</metadata>|<!--.*?-->|<\?xml.*?\?>|<!DOCT
 
 
 def drawn(figure: Figure, name: str) -> str:
-    """A figure as an SVG element. name: makes its ids its own. Matplotlib escapes what a figure says.
+    """Return a figure as an SVG element. name: prefix of its ids. Matplotlib escapes the texts.
 
-    The figure keeps the layout that it gets here: finding it is most of the work.
+    The figure keeps the layout that it gets here, since computing it is most of the work.
     """
     stream = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "path.simplify_threshold": 0.3}):
@@ -39,58 +39,53 @@ def drawn(figure: Figure, name: str) -> str:
     figure.set_layout_engine("none")
     text = _LEFT_OUT.sub("", printable(stream.getvalue()))
     text = _OPENING.sub(rf'<svg viewBox="\1" role="img" aria-label="{name}" class="picture">', text, count=1)
-    # Only what stands in tags: the texts of a figure stay as they are.
-    return _TAG.sub(lambda tag: _own_ids(tag.group(), name), text).strip()
 
+    def shortened(tag: re.Match[str]) -> str:
+        """Prefix the ids of a tag, and drop digits that cannot be seen. The texts between tags stay as they are."""
+        fewer = _PLACES.sub(lambda places: _NUMBER.sub(r"\1", places.group()), tag.group())
+        return _NAME.sub(rf"\g<1>{name}-", fewer)
 
-def _own_ids(tag: str, name: str) -> str:
-    """A tag with ids of its own, and no more digits than can be seen."""
-    tag = _PLACES.sub(lambda places: _NUMBER.sub(r"\1", places.group()), tag)
-    return _NAME.sub(rf"\g<1>{name}-", tag)
+    return _TAG.sub(shortened, text).strip()
 
 
 FOLDER = Path(__file__).parent
-"""Folder of the page's template `page.html`, its style and its scripts."""
+"""Folder of templates, styles and scripts."""
 SCRIPTS = ("bodies.js", "figure.js", "plot.js", "motion.js", "ground.js", "player.js")
-"""The parts of the player, which become a module of one scope. The pages of a run have the first three, too."""
+"""Parts of the player, which are joined into one module. Live pages load the first three, too."""
 _IMPORT = re.compile(r"^import \{.*\n", re.MULTILINE)
 LEAST_BAR = 1.0
-"""mm of a full bar at least: less cannot be seen."""
-
-
+"""Smallest full scale of a bar, mm."""
 FOLLOWED = (NOT_FOLLOWED, "likeness", "over the ground", "foot path", "latency")
-"""Findings on what a person sees that stand in the head of the page."""
+"""Findings in the head of the page: a person sees them in the motion."""
 
 
 def write_page(run: RunResult, report: Report, path: Path, *, figures: Mapping[str, Figure]) -> None:
-    """Write the page of a run, whole or not at all, into its folder, made if need be. Raises UsageError if that cannot
-    be."""
+    """Write the page of a run, whole or not at all, and make its folder if needed. Raises UsageError."""
     make_folder(path.parent, option="--report")
     write_atomic(path, page_html(run, report, figures=figures).encode(), option="--report")
 
 
 def player_script(tracks: str = "null") -> str:
-    """The player of a motion, as one module. tracks: an expression for the buffer that has the numbers of its tracks,
-    where they are not in the page."""
+    """Return the player as one module. tracks: an expression for the buffer of the tracks that are not in the page."""
     parts = [f"const tracks = {tracks};", *((FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS)]
     return _IMPORT.sub("", "\n".join(parts))
 
 
 def template(name: str) -> jinja2.Template:
-    """A template of this folder. Every text that it is given is escaped."""
+    """Load a template of this folder. It escapes every text."""
     pages = jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
-        finalize=lambda value: printable(value) if type(value) is str else value,  # what is marked safe is our own
+        finalize=lambda value: printable(value) if type(value) is str else value,  # only our own text is marked safe
     )
     pages.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     return pages.get_template(name)
 
 
 def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) -> str:
-    """The page of a run. Every text of the run in it is escaped. figures: as of `plots.figures_of`."""
+    """Return the page of a run. figures: of `plots.figures_of`."""
     found = findings(run, report)
     limits = [finding for finding in found if finding.kept is not None and finding.name != FOLLOWING]
     animation, tracking = animation_of(run), _tracking(report)
@@ -116,7 +111,7 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) 
 
 
 def _tracking(report: Report) -> dict[str, dict[str, Spread]]:
-    """How far everything that was followed was off, by title."""
+    """Tracking errors, by title and by name of what was followed."""
     if report.robot == "human":
         blocks = {"sensors": report.tracking_mm}
     else:

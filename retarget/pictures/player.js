@@ -100,7 +100,7 @@ function endFilm() {
 function draw() {
   for (const figure of figures) {
     figure.viewOn.show(frame(figure, row), side);
-    if (figure.viewOn.scene) $("say-" + figure.name).textContent = "grid " + length(figure.viewOn.cell);
+    if (figure.viewOn.scene) $("output-" + figure.name).textContent = "grid " + length(figure.viewOn.cell);
   }
   if (above) drawAbove();
   film?.paint();

@@ -1,4 +1,4 @@
-"""`--plots DIR`: pictures of a run, for a person who wants to see what happened. Matplotlib is imported only here."""
+"""`--plots DIR`: figures of a run, drawn with Matplotlib."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -27,21 +27,20 @@ from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder
 from retarget.types import MM, FloatArray
 
-# How all pictures look: sizes, colours that colour-blind readers can distinguish, and how a figure becomes a file.
+# Style of all figures: Okabe and Ito's palette, which colour-blind readers can distinguish.
 
-# Okabe and Ito's palette.
-ASKED = "#7a7a7a"
+DESIRED = "#7a7a7a"
 REACHED = "#0072b2"
 SERVOS = "#e69f00"
 LIMIT = "#cc79a7"
 WARNING = "#d55e00"
 DPI = 130
 MOST_POINTS = 2500
-"""A line is drawn through at most about so many points."""
+"""Points of a line, at most about."""
 
 
 def new_figure(width: float, height: float, title: str) -> Figure:
-    """A figure of this size in inches that lays itself out, with one title over all of it."""
+    """Return a figure of this size, inches, with automatic layout and one title."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=12, x=0.01, ha="left")
@@ -49,7 +48,7 @@ def new_figure(width: float, height: float, title: str) -> Figure:
 
 
 def plain(axes: Axes) -> None:
-    """Less ink: light grid, no box."""
+    """Give axes a light grid and no box."""
     axes.grid(visible=True, color="#e6e6e6", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8, length=2)
@@ -58,12 +57,12 @@ def plain(axes: Axes) -> None:
 
 
 def side_colour(name: str) -> str:
-    """The colour of a body part: left, right, or between."""
+    """Colour of a body part: left, right, or middle."""
     return SIDES.get(name[:2], MIDDLE)
 
 
 def thinned(rows: int) -> NDArray[Any]:
-    """Row numbers, evenly spaced, few enough to draw."""
+    """Return evenly spaced row numbers, about MOST_POINTS of them."""
     return np.arange(0, rows, max(1, rows // MOST_POINTS))
 
 
@@ -72,20 +71,20 @@ def save_figure(figure: Figure, path: Path) -> None:
     figure.savefig(path, dpi=DPI, facecolor="white")
 
 
-# A strip of poses: the performer as reconstructed, and the robot below, at the same instants, facing the same way.
+# A strip of poses: the reconstructed performer, and below it the robot at the same instants, in the same direction.
 
 POSES = 9
-"""In a strip; where a robot follows, one of them is the one that is least alike."""
+"""Poses in a strip. With a robot, one of them is `least_alike`."""
 WIDTH, MOST_PER_HEIGHT, TITLE, LABEL = 13.5, 1.7, 0.45, 0.36
-"""Inches: of the whole picture, of a body's height at most, of the title, and of two lines over a pose."""
+"""Inches: width of the picture, greatest height of a body, height of the title, and of two lines over a pose."""
 GAP = 0.07
-"""Between poses and lines of them, in heights of the head."""
+"""Room between poses and between their lines, in heights of the head."""
 TRAVELS = 0.5
-"""A performer who gets so much farther over the floor than the robot, m, is said to travel."""
+"""The title has both travels if the performer's exceeds the robot's by this, m."""
 
 
 def plot_poses(run: RunResult) -> Figure | None:
-    """The human above, the robot below; of a human alone, the recorded body over the reconstructed one."""
+    """Draw the human above the robot, or the recorded body over the reconstructed one for a human alone."""
     if run.ticks_followed < 2:
         return None
     ticks, worst = unlike_ticks(run, min(POSES, run.ticks_followed)), least_alike(run)
@@ -126,40 +125,44 @@ def plot_poses(run: RunResult) -> Figure | None:
 
 
 def unlike_ticks(run: RunResult, count: int) -> list[int]:
-    """The `count` ticks at which the performer's postures differ most: the first tick that followed, the one at which
-    the robot is least alike, then each time the one farthest from those chosen, but none sooner after another than half
-    of equal steps. Those would show a motion that repeats itself at one of its phases."""
+    """Return `count` ticks at which the performer's postures differ most.
+
+    They are the first tick that followed, the tick of `least_alike`, then each time the one farthest from those chosen
+    (farthest point sampling), at least half an equal step apart. Equal steps could show a periodic motion in one phase
+    only.
+    """
     following, facing = run.record.following, performer_facing(run)
     points = turned(run.record.human_joints[following], facing)
     rows, worst = thinned(len(points)), least_alike(run)
     if worst is not None:
         rows = np.union1d(rows, worst - following.start)
     points = points[rows] - feet_of(points, run.record.human_joint_names)[rows]
-    apart, room = np.full(len(points), np.inf), 0.5 * len(rows) / count
+    distance, room = np.full(len(points), np.inf), 0.5 * len(rows) / count
     number = np.arange(len(rows))
     chosen: list[int] = []
 
     def choose(row: int) -> None:
         chosen.append(row)
-        apart[:] = np.minimum(apart, np.linalg.norm(points - points[row], axis=-1).sum(axis=-1))
-        apart[np.abs(number - row) < room] = -1.0
+        distance[:] = np.minimum(distance, np.linalg.norm(points - points[row], axis=-1).sum(axis=-1))
+        distance[np.abs(number - row) < room] = -1.0
 
     if worst is not None:
         choose(int(np.searchsorted(rows, worst - following.start)))
-    if apart[0] >= 0.0:
+    if distance[0] >= 0.0:
         choose(0)
     while len(chosen) < count:
-        choose(int(np.nanargmax(apart)))
+        choose(int(np.nanargmax(distance)))
     return sorted(following.start + int(rows[row]) for row in chosen)
 
 
 def least_alike(run: RunResult) -> int | None:
-    """The tick at which arms and trunk of the robot are farthest from the performer's, in sum of their angles; None
-    where nothing shows it."""
-    asked, q, following = reference_of(run), run.seen_q, run.record.following
-    if run.robot is None or q is None or asked is None:
+    """Return the tick with the largest sum of angles between arms and trunk of robot and performer; None if none is
+    known."""
+    reference, q, following = reference_of(run), run.seen_q, run.record.following
+    if run.robot is None or q is None or reference is None:
         return None
-    angles = [angle[following] for limb, angle in limb_angles(run.robot, q, asked).items() if limb in (*ARMS, LEAN)]
+    limbs = limb_angles(run.robot, q, reference).items()
+    angles = [angle[following] for limb, angle in limbs if limb in (*ARMS, LEAN)]
     off = np.concatenate(angles, axis=1).sum(axis=1) if angles else np.zeros(0)
     return following.start + int(np.nanargmax(off)) if np.isfinite(off).any() else None
 
@@ -167,15 +170,15 @@ def least_alike(run: RunResult) -> int | None:
 # Every joint angle over time, and its limits.
 
 _COLUMNS = 4
-"""Panels in a line: so many are legible on a page."""
+"""Panels in a line that are legible on a page."""
 
 
 def plot_angles(run: RunResult) -> Figure | None:
-    """A panel for each joint: the angle that was sent, in degrees, between its limits."""
+    """Draw a panel for each joint: the sent angle, degrees, and its limits."""
     moved = moved_joints(run)
 
     def family(index: int) -> tuple[bool, str, bool]:
-        """Paired joints first, by what they are, left before right."""
+        """Sort paired joints first, by name, left before right."""
         name = moved.names[index]
         paired = name[:2] in SIDES
         return not paired, name[2:] if paired else name, name.startswith("r_")
@@ -211,14 +214,12 @@ def plot_angles(run: RunResult) -> Figure | None:
     return figure
 
 
-# The centre of mass over the support polygon: from above, and how far inside it stayed over time.
+# The centre of mass over the support polygon: from above, and its margin over time.
 
 
 def plot_balance(run: RunResult) -> Figure | None:
-    """Path of the centre of mass over the soles, and its distance from the edge of the support polygon.
-
-    None for a body that does not stand on its own feet.
-    """
+    """Draw the path of the centre of mass over the soles, and its margin to the edge of the support polygon. Returns
+    None for a body that does not stand."""
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or len(run.record) < 2 or not robot.stands:
         return None
@@ -243,9 +244,9 @@ def plot_balance(run: RunResult) -> Figure | None:
 
 
 def plot_pressure(run: RunResult) -> Figure | None:
-    """Path of the centre of pressure and of the centre of mass of a simulated robot over the soles, until a fall, and
-    the distance of the former from the edge of the soles that carried; 0: they begin to tip; a gap: no sole carried, or
-    a hand held the robot. None without physics, or where no sole carried."""
+    """Draw the paths of the centres of pressure and mass over the soles until a fall, and the distance of the former
+    from the edge of the loaded soles. They begin to tip at 0. A gap means that no sole was loaded, or that a hand held
+    the robot. Returns None without physics, or if no sole was loaded."""
     robot, physics, sent = run.robot, run.physics, run.record.robot
     if robot is None or physics is None or sent is None or physics.least_margin is None or not robot.stands:
         return None
@@ -264,7 +265,7 @@ def plot_pressure(run: RunResult) -> Figure | None:
         time.axvline(fall.time, color=WARNING, linewidth=1.0, linestyle="--")
         where = (fall.time, time.get_ylim()[1])
         time.annotate("fallen ", where, ha="right", va="top", fontsize=8, color=WARNING)
-    # A robot that walks rolls over edges: each step ends with the pressure on one.
+    # In each step of a walk the pressure ends on an edge.
     walked = run.tally.walk is not None and run.tally.walk.steps > 0
     nearest = "" if walked else f"never nearer to the edge than {MM * physics.least_margin:z.1f} mm"
     _finish_margin(time, float(physics.time[0]), nearest)
@@ -272,19 +273,18 @@ def plot_pressure(run: RunResult) -> Figure | None:
 
 
 BOTH = 2
-"""Soles of a robot that made no step."""
+"""Footprints of a robot that made no step."""
 
 
 def _over_soles(title: str) -> tuple[Figure, Axes, Axes]:
-    """A figure with room for what is seen from above, and for a distance over time."""
+    """Return a figure with axes for the view from above, and for a distance over time."""
     figure = new_figure(11.0, 4.6, title)
     above, time = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
     return figure, above, time
 
 
 def _outlines(axes: Axes, footprints: Sequence[FloatArray], hull_label: str) -> None:
-    """Soles wherever they stood, (c, 3) m each, and of a robot that made no step their hull; forward is up, left is
-    left."""
+    """Draw footprints (c, 3), m, and their hull if the robot made no step. Forward is up, left is left."""
     soles = [MM * sole for sole in footprints]
     for sole in soles:
         axes.fill(-sole[:, 1], sole[:, 0], facecolor="#dddddd", edgecolor="#999999", linewidth=0.8)
@@ -305,7 +305,7 @@ def _finish_above(axes: Axes) -> None:
 
 
 def _finish_margin(axes: Axes, start: float, title: str) -> None:
-    """A distance from the edge, mm, over time from `start`, s; below 0 it would fall."""
+    """Label axes of a distance from the edge, mm, over time from `start`, s."""
     axes.axhline(0.0, color=WARNING, linewidth=1.2)
     axes.annotate("edge", (start, 0.0), xytext=(2, 3), textcoords="offset points", fontsize=8, color=WARNING)
     axes.set_xlabel("time [s]", fontsize=9)
@@ -314,19 +314,19 @@ def _finish_margin(axes: Axes, start: float, title: str) -> None:
     plain(axes)
 
 
-# Where landmarks (of a human: sensors) were asked to be, were sent and were reached by the servos, over time.
+# Landmarks (for a human alone, sensors) over time: desired, as sent, and as reached by the servos.
 
 _SHOWN = ("l_hand", "l_wrist", "r_hand", "r_wrist", "head", "pelvis", "l_ankle", "r_ankle")
-"""What is shown, in this order, where it was asked at all."""
+"""Landmarks and sensors that are shown, in this order."""
 _LEAST_M = 0.05
-"""Range, m, that is shown at least, so that standing still looks like it."""
+"""Smallest range of an axis, m, so that noise looks small."""
 _SEEN_MM = 0.1
-"""Error, mm, below which a panel is left out: it would show nothing."""
+"""Error below which its panel is left out, mm."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Track:
-    """Positions (T, k, 3) m of what is shown, and how they are drawn."""
+    """Positions (T, k, 3), m, with the style of their lines."""
 
     label: str
     colour: str
@@ -335,22 +335,22 @@ class _Track:
 
 
 def plot_tracking(run: RunResult) -> Figure | None:
-    """One column for each of the most telling landmarks: x, y, z, and the distance from where it was asked."""
-    names, asked, reached = run.followed
-    known = np.flatnonzero(np.count_nonzero(np.isfinite(asked[..., 0]), axis=0)).tolist()
+    """Draw a column for each of the landmarks in _SHOWN: x, y, z, and the distance from its desired place."""
+    names, desired, reached = run.followed
+    known = np.flatnonzero(np.count_nonzero(np.isfinite(desired[..., 0]), axis=0)).tolist()
     shown = [name for name in _SHOWN if name in names and names.index(name) in known]
     if not shown or len(run.record) < 2:
         return None
     columns = [names.index(name) for name in shown]
     tracks = _tracks(run, names, reached, columns)
-    asked = asked[:, columns]
-    errors = [1e3 * np.linalg.norm(track.positions - asked, axis=-1) for track in tracks]
+    desired = desired[:, columns]
+    errors = [1e3 * np.linalg.norm(track.positions - desired, axis=-1) for track in tracks]
     most = max(float(np.nanmax(error)) for error in errors)
     lines = 4 if most >= _SEEN_MM else 3
-    x, y, title = "x", "y", "human: sensors asked and reached"  # a recorded performer faces anywhere
+    x, y, title = "x", "y", "human: sensors desired and reached"  # a recorded performer faces anywhere
     if run.robot is not None:
         servos = ", and where the servos stood" if len(tracks) > 1 else ""
-        x, y, title = "x, forward", "y, left", f"{run.robot.profile.name}: asked and sent{servos}, lag included"
+        x, y, title = "x, forward", "y, left", f"{run.robot.profile.name}: desired and sent{servos}, lag included"
     elif lines < 4:
         title += f", less than {_SEEN_MM:g} mm apart"
     figure = new_figure(3.1 * len(shown) + 0.6, 1.9 * lines + 0.5, title)
@@ -359,7 +359,8 @@ def plot_tracking(run: RunResult) -> Figure | None:
     for column, name in enumerate(shown):
         for axis in range(3):
             axes = grid[axis, column]
-            axes.plot(time[rows], asked[rows, column, axis], color=ASKED, linewidth=2.2, alpha=0.6, label="asked")
+            line = desired[rows, column, axis]
+            axes.plot(time[rows], line, color=DESIRED, linewidth=2.2, alpha=0.6, label="desired")
             for track in tracks:
                 line = track.positions[rows, column, axis]
                 axes.plot(time[rows], line, color=track.colour, linewidth=track.width, label=track.label)
@@ -379,7 +380,7 @@ def plot_tracking(run: RunResult) -> Figure | None:
 
 
 def _tracks(run: RunResult, names: tuple[str, ...], reached: FloatArray, columns: list[int]) -> list[_Track]:
-    """What is drawn: of a robot goals and, with servos that answer, positions; of a human what was reached."""
+    """Tracks of a robot: goals and, if servos answered, their positions. Track of a human: the reconstruction."""
     if run.robot is None:
         return [_Track("reached", REACHED, 1.0, reached[:, columns])]
     tracks = [_Track("sent", REACHED, 1.8, reached[:, columns])]
@@ -391,14 +392,14 @@ def _tracks(run: RunResult, names: tuple[str, ...], reached: FloatArray, columns
 
 
 def _show_errors(axes: Axes, time: FloatArray, tracks: list[_Track], errors: list[FloatArray]) -> None:
-    """Distances (T,) mm of one landmark from where it was asked, and above them their mean and largest."""
+    """Draw errors (T,), mm, of one landmark, and above them their mean and maximum."""
     rows = thinned(len(time))
     for line, (track, error) in enumerate(zip(tracks, errors, strict=True)):
         axes.plot(time[rows], error[rows], color=track.colour, linewidth=track.width)
         known = error[np.isfinite(error)]
-        said = f"{track.label}: mean {known.mean():.1f} mm, most {known.max():.1f} mm" if known.size else ""
+        text = f"{track.label}: mean {known.mean():.1f} mm, most {known.max():.1f} mm" if known.size else ""
         axes.annotate(
-            said,
+            text,
             (0.0, 1.0),
             xytext=(0, 4 + 11 * (len(tracks) - 1 - line)),
             xycoords="axes fraction",
@@ -417,18 +418,18 @@ PICTURES = {
     "pressure": plot_pressure,
     "poses": plot_poses,
 }
-"""File name without suffix -> what draws it; None instead of a figure: there is nothing to show."""
+"""File name without suffix -> function that draws the figure, or returns None if there is nothing to show."""
 
 
 def figures_of(run: RunResult) -> dict[str, Figure]:
-    """Every picture that has something to show, by its name."""
+    """Draw every figure that has something to show, by name."""
     with matplotlib.rc_context({"text.parse_math": False}):  # a name with dollar signs is a name, not a formula
         drawn = {name: draw(run) for name, draw in PICTURES.items()}
     return {name: figure for name, figure in drawn.items() if figure is not None}
 
 
 def write_plots(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
-    """Write pictures, by name, as PNG files in `folder`, made if need be. Raises UsageError if that cannot be."""
+    """Write figures as PNG files into `folder`, which is made if needed. Raises UsageError if that fails."""
     written = []
     make_folder(folder, option="--plots")
     try:

@@ -1,10 +1,8 @@
-"""`retarget check --reach FILE`: which hand places a robot reaches from its stance, by which strategy, as a picture."""
+"""`retarget check --reach FILE`: a picture of the places that a hand reaches from the stance, by strategy."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
@@ -19,19 +17,19 @@ from retarget.types import FloatArray, IntArray
 
 COLOURS = {Strategy.ARM: "#0072b2", Strategy.TRUNK: "#56b4e9", Strategy.CROUCH: "#e69f00", Strategy.STEP: "#f2f2f2"}
 VIEWS = (("from the right", 0, 2, 1), ("from behind", 1, 2, 0), ("from above", 0, 1, 2))
-"""Name, the axes to the right and up, and the one across, at which the left hand of the stance is."""
+"""Name, the axes to the right and up, and the axis across the slice, which holds the left hand of the stance."""
 PIXELS = 120
-"""Of a side of a slice."""
+"""Pixels of a side of a slice."""
 LINES = (
     ("head", "neck", "pelvis"),
     *((f"{side}_shoulder", f"{side}_elbow", f"{side}_hand") for side in "lr"),
     *(("pelvis", f"{side}_hip", f"{side}_knee", f"{side}_ankle", f"{side}_toe") for side in "lr"),
 )
-"""Frames between which a robot is drawn."""
+"""Frames that the lines of a robot join."""
 
 
 def reach_numbers(strategies: Strategies) -> list[str]:
-    """Room of each strategy, in litres, a line for each hand."""
+    """Return the volume of each strategy, litres, a line for each hand."""
     lines = []
     for number, hand in enumerate(strategies.reach.hands):
         nodes = hand.nodes.reshape(-1, 3)
@@ -44,7 +42,7 @@ def reach_numbers(strategies: Strategies) -> list[str]:
 
 
 def draw_reach(robot: RobotBody, stance: Stance, strategies: Strategies, path: Path) -> None:
-    """Write slices of the map of the left hand as PNG. Raises UsageError if that cannot be."""
+    """Write slices of the map of the left hand as PNG. Raises UsageError if the file cannot be written."""
     figure = new_figure(12.0, 4.6, f"{robot.profile.name}: places of the left hand from its stance")
     hand = strategies.reach.hands[0]
     nodes, at = hand.nodes.reshape(-1, 3), stance.points[HANDS[0]]
@@ -57,7 +55,9 @@ def draw_reach(robot: RobotBody, stance: Stance, strategies: Strategies, path: P
         colours = ListedColormap([COLOURS[one] for one in ORDER])
         extent = (sides[0][0], sides[0][-1], sides[1][0], sides[1][-1])
         axes.imshow(found, cmap=colours, vmin=0, vmax=len(ORDER) - 1, origin="lower", extent=extent)
-        _draw_robot(axes, stance.points, right, up)
+        for names in LINES:
+            line = [stance.points[name] for name in names if name in stance.points]
+            axes.plot([one[right] for one in line], [one[up] for one in line], color="#333333", linewidth=1.6)
         axes.set_title(f"{name}, at {'xyz'[across]} = {at[across]:.2f} m", fontsize=9)
         axes.set_xlabel(f"{'xyz'[right]} (m)", fontsize=8)
         axes.set_ylabel(f"{'xyz'[up]} (m)", fontsize=8)
@@ -76,11 +76,5 @@ def draw_reach(robot: RobotBody, stance: Stance, strategies: Strategies, path: P
 
 
 def _strategies(strategies: Strategies, hand: int, places: FloatArray) -> IntArray:
-    """Places in ORDER (n,) of the cheapest strategy for each of places (n, 3), m, of a hand, number 0 or 1."""
+    """Indices in ORDER (n,) of the cheapest strategy for places (n, 3), m, of a hand, 0 or 1."""
     return np.array([ORDER.index(strategies.cheapest_standing(hand, (x, y, z))) for x, y, z in places.tolist()])
-
-
-def _draw_robot(axes: Axes, points: dict[str, FloatArray], right: int, up: int) -> None:
-    for names in LINES:
-        line: Sequence[FloatArray] = [points[name] for name in names if name in points]
-        axes.plot([one[right] for one in line], [one[up] for one in line], color="#333333", linewidth=1.6)

@@ -1,5 +1,4 @@
-"""Bodies as solids in pictures, still and moving: lit as on the pages (`bodies.js`), drawn from the farthest to the
-nearest. Whoever wants a body in a picture takes this one drawing."""
+"""Bodies as solids in pictures, still and moving, with the light of the pages (`bodies.js`)."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,19 +23,18 @@ from retarget.run.run_result import RunResult
 from retarget.schema.files import write_atomic
 from retarget.types import FloatArray, IntArray, Watch, unwatched
 
-# Where the viewer and the light are; `bodies.js` has the same ones.
+# Viewer and light, as in `bodies.js`.
 
 AZIMUTH, ELEVATION = np.deg2rad(35.0), np.deg2rad(12.0)
-"""Where the viewer stands: about the vertical from the way the body faces, and above the horizon."""
+"""Direction of the viewer, rad: about the vertical from the heading of the body, and above the horizon."""
 TO_VIEWER = np.array([np.cos(AZIMUTH) * np.cos(ELEVATION), np.sin(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION)])
 LIGHT = np.array([0.47, -0.1, 0.877])
 FLOOR_LIGHT, SKY_LIGHT, SUN = np.array([0.66, 0.64, 0.63]), np.array([0.80, 0.81, 0.83]), 0.27
-"""Light from below and from above, and of what stands towards the light."""
+"""Light from below (RGB), from above (RGB), and of surfaces that face LIGHT."""
 
 
 def project(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Across and up in the picture, and how near to the viewer, of points (..., 3): parallel projection."""
-    # Across is to the viewer's right.
+    """Parallel projection of points (..., 3): right and up in the picture, and nearness to the viewer, (...) each."""
     across = -np.sin(AZIMUTH) * points[..., 0] + np.cos(AZIMUTH) * points[..., 1]
     before = np.cos(AZIMUTH) * points[..., 0] + np.sin(AZIMUTH) * points[..., 1]
     up = points[..., 2] * np.cos(ELEVATION) - before * np.sin(ELEVATION)
@@ -44,43 +42,44 @@ def project(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def lit(outward: FloatArray, colour: FloatArray) -> FloatArray:
-    """The colours (v, 3) of places of a body with normals outward (v, 3), which have `colour` (v, 3) by themselves."""
+    """Return lit colours (v, 3) of points with normals outward (v, 3) and own colours (v, 3)."""
     facing = np.abs(outward @ TO_VIEWER)[:, None]
     light = FLOOR_LIGHT + (SKY_LIGHT - FLOOR_LIGHT) * (0.5 + 0.5 * outward[:, 2:])
     light = light + SUN * np.maximum(outward @ LIGHT, 0.0)[:, None]
     return np.asarray(np.minimum(colour * light * (0.80 + 0.24 * facing) + 0.10 * facing**24, 1.0))
 
 
-# A body in some postures, where each stands in the picture.
+# A body in some postures, in the picture.
 
 Bone = tuple[str, str]
 """Two points that a line joins."""
 HUMAN_BONES: tuple[Bone, ...] = tuple(
     (POINTS[parent], name) for name, parent in zip(POINTS, PARENTS, strict=True) if parent >= 0
 )
-"""Bones of the human: each joint with the one that carries it."""
+"""Bones of the human: each joint with its parent."""
+# Lengths are in heights of the body, if no unit is given.
 THIN, MARGIN = 0.010, 0.03
-"""Thickness of a recorded bone, and room beside a body, in its heights."""
+"""Thickness of a recorded bone, and room beside a body."""
 NEAR = 1.5
-"""Obstacles that are farther away than this, in heights, get no room in a picture."""
+"""Obstacles beyond this distance get no room in a picture."""
 BLUR, SHADOW_PX, DARK = 0.036, 160, 52
-"""How far a shadow is out of focus, in heights, its pixels across, and how dark it is of 255."""
+"""Blur of a shadow, its resolution in pixels, and its darkness of 255."""
 FADED, FARTHEST = 3.0, 4.0
-"""Where a shadow is no more, in BLUR beyond what casts it, and half the floor on which shadows fall, in heights."""
+"""Distance at which a shadow has faded, in units of BLUR, and half the side of the floor with shadows."""
 PITCH, MARKS, MARK, GOES = 0.25, 2, 0.012, 0.3
-"""Marks on the floor of a body that goes somewhere, farther than the last of these: distance from one to the next, how
-many there are to each side, and their radius, in heights."""
+"""Marks on the floor of a body that travels farther than GOES: their distance, their number to each side, and their
+radius."""
 COARSE = 4
-"""Pixels of a picture to one of a shadow, which is out of focus anyway."""
+"""Pixels of a picture per pixel of a shadow, which is blurred anyway."""
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnPostures:
     """A body in p postures that face x, with the feet at the origin, in heights of the body.
 
-    poses (p, k, 7): of its links, position and wxyz; size: of a height, m. soles: outlines (p, c, 3) on the ground.
-    recorded (p, e, 3): ends of thin black lines over it, pairs of points in `bones`. around: the same body with its
-    obstacles, which are seen through. marks (p, m, 3): on the floor.
+    poses (p, k, 7): of its links, position and wxyz. size: height, m. soles: outlines (p, c, 3) on the ground.
+    recorded (p, e, 3): points of the recorded body, which `bones` join by thin black lines. around: the same body with
+    its translucent obstacles. marks (p, m, 3): on the floor.
     """
 
     solid: SolidBody
@@ -94,8 +93,8 @@ class DrawnPostures:
 
     @cached_property
     def _surface(self) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
-        """Of all meshes: vertices (v, 3) in their links, in heights, normals (v, 3), owners (v,) and faces (f, 3). An
-        open mesh is there twice, seen from either side."""
+        """Vertices (v, 3) in link frames, heights, normals (v, 3), owners (v,) and faces (f, 3) of all meshes. An open
+        mesh appears twice, once per side."""
         known = [(number, mesh) for number, mesh in enumerate(self.solid.meshes)]
         known += [(number, Mesh(mesh.vertices, mesh.faces[:, ::-1])) for number, mesh in known if not mesh.is_closed]
         numbers, meshes = zip(*known, strict=True)
@@ -110,13 +109,13 @@ class DrawnPostures:
         return vertices, outward / np.maximum(np.linalg.norm(outward, axis=1)[:, None], 1e-12), owner, faces
 
     def points(self, pose: int) -> FloatArray:
-        """The vertices of its surface (v, 3) in one posture."""
+        """Vertices of the surface (v, 3) in one posture."""
         vertices, _, owner, _ = self._surface
         poses = self.poses[pose, self.solid.owners[owner]]
         return np.asarray(poses[:, :3] + rotations.rotate(poses[:, 3:], vertices))
 
     def extent(self, pose: int) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of one posture in the picture, all that is drawn but the shadow included."""
+        """Left, right, bottom and top of one posture in the picture, without its shadow."""
         shown = [self.points(pose), *(sole[pose] for sole in self.soles)]
         if self.recorded is not None:
             shown.append(self.recorded[pose])
@@ -128,12 +127,12 @@ class DrawnPostures:
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
     def shadow_end(self, pose: int) -> float:
-        """How far to the right the shadow of one posture reaches in the picture: the light comes from the left."""
+        """Right end of the shadow of one posture in the picture. The light comes from the left."""
         across, _, _ = project(np.pad(_fallen(self.points(pose)), ((0, 0), (0, 1))))
         return float(across.max()) + FADED * BLUR
 
     def draw_floor(self, picture: Image.Image, pose: int, *, place: tuple[float, float], scale: float) -> None:
-        """Draw the marks on the floor of one posture, as `draw` says."""
+        """Draw the marks on the floor of one posture. place, scale: see `draw`."""
         if self.marks is not None:
             across, up, _ = project(self.marks[pose])
             pen, radius = ImageDraw.Draw(picture), MARK * scale
@@ -141,7 +140,7 @@ class DrawnPostures:
                 pen.ellipse((x - radius, y - 0.5 * radius, x + radius, y + 0.5 * radius), "#c0c0c0")
 
     def draw(self, picture: Image.Image, pose: int, *, place: tuple[float, float], scale: float) -> None:
-        """Draw one posture with its origin at `place`, pixels across and down. scale: pixels to a height."""
+        """Draw one posture with its origin at `place`, pixels across and down. scale: pixels per height."""
         _, outward, owner, faces = self._surface
         points, pen = self.points(pose), ImageDraw.Draw(picture)
         whole = None if self.around is None else picture.copy()
@@ -168,21 +167,21 @@ class DrawnPostures:
 
 
 def _fallen(points: FloatArray) -> FloatArray:
-    """Where the shadows of points (..., 3) are on the floor (..., 2)."""
+    """Shadows (..., 2) of points (..., 3) on the floor."""
     return np.asarray(points[..., :2] - points[..., 2:] * LIGHT[:2] / LIGHT[2])
 
 
 def _cast(picture: Image.Image, corners: FloatArray, place: tuple[float, float], scale: float) -> None:
-    """Darken the floor by what facets (f, 3, 3) cast on it, out of focus."""
+    """Darken the floor by the blurred shadow of faces (f, 3, 3)."""
     fallen = _fallen(corners)
-    fallen = fallen[_areas(fallen) > 0.0]  # what faces the light casts it all
+    fallen = fallen[_areas(fallen) > 0.0]  # faces that face the light cast the whole shadow
     floor = min(float(np.abs(fallen).max(initial=0.0)) + FADED * BLUR, FARTHEST)  # half its side
     to_px = 0.5 * SHADOW_PX / floor
     dark = np.zeros(SHADOW_PX * SHADOW_PX, dtype=np.uint8)
     spans = _spans(to_px * (floor + fallen), (SHADOW_PX, SHADOW_PX))
     dark[_pixels(spans.line * SHADOW_PX + spans.begin, spans.count)] = DARK
     mask = Image.fromarray(dark.reshape(SHADOW_PX, SHADOW_PX)).filter(ImageFilter.GaussianBlur(BLUR * to_px))
-    # The floor's x and y as they are seen, and where pixels of the picture, by COARSE of them, are on the floor.
+    # The affine map from every COARSE-th pixel of the picture to the floor.
     across, up, _ = project(np.eye(2, 3))
     half = COARSE * np.ceil(scale * floor * np.abs([across, up]).sum(axis=1) / COARSE).astype(int)
     low = np.round(place).astype(int) - half
@@ -197,7 +196,7 @@ def _cast(picture: Image.Image, corners: FloatArray, place: tuple[float, float],
 
 @dataclass(frozen=True, eq=False)
 class _Spans:
-    """Lines of pixels of faces, n of them. face, line: whose, and which of the picture; begin, count: its pixels."""
+    """Horizontal spans of pixels, (n,) each. face: index of the face; line: of the picture; begin, count: pixels."""
 
     face: IntArray
     line: IntArray
@@ -206,14 +205,14 @@ class _Spans:
 
 
 def _spans(corners: FloatArray, size: tuple[int, int]) -> _Spans:
-    """The pixels of a picture (across, down) whose middle is in flat faces, with corners (f, 3, 2) in pixels."""
+    """Spans of the pixels of a picture (across, down) whose middle is inside of faces, corners (f, 3, 2) in pixels."""
     order = np.argsort(corners[..., 1], axis=1)
     x, y = (np.take_along_axis(corners[..., axis], order, axis=1) for axis in (0, 1))
     first, after = (np.clip(np.ceil(y[:, end]), 0, size[1]).astype(np.int64) for end in (0, 2))
     count = after - first
     face = np.repeat(np.arange(len(count)), count)
     line = _pixels(first, count)
-    # A line crosses the side from the highest to the lowest corner, and one of the other two.
+    # Each line crosses the side from the highest to the lowest corner, and one of the other two sides.
     starts, ends = (0, 0, 1), (2, 1, 2)
     down = y[:, ends] - y[:, starts]
     slope = (x[:, ends] - x[:, starts]) / np.where(down > 0.0, down, 1.0)
@@ -227,20 +226,20 @@ def _spans(corners: FloatArray, size: tuple[int, int]) -> _Spans:
 
 
 def _pixels(begin: IntArray, count: IntArray) -> IntArray:
-    """The numbers from each begin (n,) on, so many of each."""
+    """Concatenate the ranges of `count` numbers from each `begin` (n,) on."""
     return np.asarray(np.arange(count.sum()) + np.repeat(begin - (np.cumsum(count) - count), count))
 
 
 def _fill(picture: Image.Image, corners: FloatArray, near: FloatArray, shades: FloatArray, faces: IntArray) -> None:
-    """Paint the faces (f, 3) of a surface, the nearest one in each pixel. corners (v, 2): of the picture, in pixels;
-    near (v,), and shades (v, 3) in 0 to 1, which change evenly over a face."""
+    """Paint the faces (f, 3) of a surface with a depth buffer. corners (v, 2): pixels. near (v,) and shades (v, 3), 0
+    to 1, are interpolated linearly over a face."""
     areas = _areas(corners[faces])
-    faces, areas = faces[areas < 0.0], areas[areas < 0.0]  # those that look at the viewer: pixels count downwards
+    faces, areas = faces[areas < 0.0], areas[areas < 0.0]  # faces towards the viewer: pixels count downwards
     box = np.concatenate([np.floor(corners.min(axis=0)), np.ceil(corners.max(axis=0)) + 1.0])
     box = np.clip(box, 0, 2 * picture.size).astype(int)
     corners, (wide, high) = corners - box[:2], (box[2:] - box[:2]).tolist()
     spans = _spans(corners[faces], (wide, high))
-    # Of what changes evenly: its value where the first corner is, and its change by pixel across and down.
+    # Nearness and shade of a face: values at its first corner, and changes per pixel across and down.
     at, values = corners[faces[:, 0]], np.column_stack([near, 255.0 * shades])
     (ax, ay), (bx, by) = (corners[faces[:, 1]] - at).T, (corners[faces[:, 2]] - at).T
     first, one, two = (values[faces[:, corner]] for corner in range(3))
@@ -250,7 +249,7 @@ def _fill(picture: Image.Image, corners: FloatArray, near: FloatArray, shades: F
     begin = spans.begin[:, None] - at[spans.face, :1], spans.line[:, None] - at[spans.face, 1:]
     step = across.take(spans.face, axis=0)
     value = (first[spans.face] + begin[0] * step + begin[1] * down.take(spans.face, axis=0)).astype(np.float32)
-    # The nearest in each pixel.
+    # The nearest face in each pixel.
     before = np.cumsum(spans.count) - spans.count
     count = np.arange(spans.count.sum(), dtype=np.int32)
     further = count - np.repeat(before.astype(np.int32), spans.count)
@@ -271,14 +270,14 @@ def _fill(picture: Image.Image, corners: FloatArray, near: FloatArray, shades: F
 
 
 def _areas(corners: FloatArray) -> FloatArray:
-    """Twice the areas (f,) of flat faces (f, 3, 2), below 0 for those that turn from the first axis away from the
+    """Twice the signed areas (f,) of faces (f, 3, 2), positive if the corners turn from the first axis to the
     second."""
     (ax, ay), (bx, by) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
     return np.asarray(ax * by - bx * ay)
 
 
 def performer_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
-    """The reconstructed human, turned to its heading; of a human alone with the recorded one."""
+    """The reconstructed human, rotated to face x, in ticks of a run; with the recorded body for a human alone."""
     record, truth = run.record, run.human_truth
     facing = performer_facing(run)[np.array(ticks) - run.record.following.start]
     points = turned(record.human_joints[ticks], facing)
@@ -297,7 +296,7 @@ def performer_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
 
 
 def robot_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
-    """The robot as it moved, with its soles: the simulated body, or what was sent where nothing has mass."""
+    """The robot as it moved, with its soles: the simulated body, or the sent posture without physics."""
     robot, moved = run.robot, run.seen_q
     assert robot is not None and moved is not None
     names = tuple(robot.profile.frames)
@@ -312,8 +311,8 @@ def robot_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
 
 
 def obstacles(run: RunResult, rows: Sequence[int] | IntArray) -> tuple[list[Mesh], FloatArray] | None:
-    """Meshes of the obstacles of a run, and their poses (T, o, 7), m and wxyz, at some of its ticks, or (1, o, 7) where
-    nothing moves; None without any."""
+    """Return meshes of the obstacles, and their poses (T, o, 7), m and wxyz, at ticks `rows`, (1, o, 7) if none moves;
+    None without obstacles."""
     scene = run.scene
     if scene is None or not (meshes := obstacle_meshes(scene.shapes)):
         return None
@@ -325,8 +324,7 @@ def obstacles(run: RunResult, rows: Sequence[int] | IntArray) -> tuple[list[Mesh
 def _among(
     drawn: DrawnPostures, run: RunResult, ticks: Sequence[int], feet: FloatArray, facing: FloatArray
 ) -> DrawnPostures:
-    """A body among the obstacles of its run, if there are any. facing (p or 1, 2): where the body faces in their
-    world."""
+    """Add the obstacles of a run to a body. facing (p or 1, 2): heading of the body in their world."""
     seen = obstacles(run, ticks)
     if seen is None:
         return drawn
@@ -340,7 +338,7 @@ def _among(
 
 
 def facing_x(poses: FloatArray, heading: FloatArray) -> FloatArray:
-    """Poses (T, m, 7) of a world in which a body faces `heading` (T or 1, 2), as seen where it faces x."""
+    """Rotate poses (T, m, 7) about the vertical so that a body with `heading` (T or 1, 2) faces x."""
     half = -0.5 * np.arctan2(heading[:, 1], heading[:, 0])
     turn = np.column_stack([np.cos(half), np.zeros((len(half), 2)), np.sin(half)])[:, None]
     return np.concatenate([turned(poses[..., :3], heading), rotations.multiply(turn, poses[..., 3:])], axis=-1)
@@ -352,7 +350,7 @@ def _standing(poses: FloatArray, feet: FloatArray, size: float) -> FloatArray:
 
 
 def feet_of(points: FloatArray, names: tuple[str, ...]) -> FloatArray:
-    """Where each posture stands (p, 1, 3): on the ground between the feet."""
+    """Place (p, 1, 3) of each posture: on the ground between the feet."""
     feet = [names.index(name) for name in ("l_ankle", "r_ankle") if name in names] or [0]
     centre = points[:, feet].mean(axis=1, keepdims=True)
     centre[..., 2] = 0.0
@@ -360,8 +358,8 @@ def feet_of(points: FloatArray, names: tuple[str, ...]) -> FloatArray:
 
 
 def _marks(feet: FloatArray, facing: FloatArray) -> FloatArray | None:
-    """Marks of the floor (p, m, 3) as seen from feet (p, 1, 3), all in heights, of a body that faces `facing` (p or 1,
-    2) in a world whose floor they are on; None where it goes nowhere."""
+    """Marks (p, m, 3) fixed to the floor, relative to feet (p, 1, 3), all in heights, for a heading (p or 1, 2); None
+    for a body that does not travel."""
     if np.ptp(feet, axis=0).max() < GOES:
         return None
     ahead = np.arange(-MARKS, MARKS + 1.0)
@@ -372,7 +370,7 @@ def _marks(feet: FloatArray, facing: FloatArray) -> FloatArray | None:
 
 
 def _size(points: FloatArray, names: tuple[str, ...]) -> float:
-    """Height (m) of the head where it is highest, or of the highest point of a body without head."""
+    """Greatest height of the head, m, or of any point of a body without head."""
     heights = points[:, names.index("head"), 2] if "head" in names else points[..., 2]
     return max(float(np.nanmax(heights)), 1e-3)
 
@@ -380,32 +378,32 @@ def _size(points: FloatArray, names: tuple[str, ...]) -> float:
 # Bodies side by side, moving.
 
 FPS = 20
-"""Pictures a second of an animation."""
+"""Frame rate of an animation, 1/s."""
 LONGEST_S = 60.0
-"""What an animation shows of a run at most: a longer file is not sent to anybody."""
+"""Longest animation, s, since larger files are hard to share."""
 HEIGHT = 540
-"""Pixels of an animation from top to bottom, about."""
+"""Height of an animation, about, pixels."""
 GAP, TITLE = 0.05, 0.12
-"""Between bodies, and above them, in heights."""
+"""Room between bodies, and above them, in heights."""
 SHARPER = 2
-"""Pixels drawn to one shown."""
+"""Pixels drawn per pixel shown."""
 QUALITY = 80
-"""Of WebP, in percent."""
+"""Quality of WebP, percent."""
 
 
 def moving(run: RunResult, *, seconds: float = LONGEST_S) -> dict[str, DrawnPostures]:
-    """Performer and robot of a run that followed something, by what is written over them, at FPS instants a second, as
-    long as it followed, and at most for so many seconds."""
+    """Return performer and robot, by title, at FPS while the run followed, for at most `seconds`. The run must have
+    ticks that followed."""
     following = run.record.following
     time = run.record.time[following]
-    wanted = np.arange(time[0], min(time[-1], time[0] + seconds), 1.0 / FPS)
-    ticks = (following.start + np.searchsorted(time, wanted - 1e-9)).tolist()
+    instants = np.arange(time[0], min(time[-1], time[0] + seconds), 1.0 / FPS)
+    ticks = (following.start + np.searchsorted(time, instants - 1e-9)).tolist()
     shown = {"performer": performer_postures(run, ticks)}
     return shown if run.robot is None else shown | {run.robot.profile.name: robot_postures(run, ticks)}
 
 
 def pictures(shown: Mapping[str, DrawnPostures], *, width: int | None = None) -> Iterator[Image.Image]:
-    """One for each instant, with all bodies side by side on one floor. width: pixels across; None: as HEIGHT has it."""
+    """Draw one picture per instant, with all bodies side by side on one floor. width: pixels, None for HEIGHT."""
     count = min(len(body.poses) for body in shown.values())
     extents = np.array([[body.extent(pose) for pose in range(count)] for body in shown.values()])
     left, right = extents[..., 0].min(axis=1), extents[..., 1].max(axis=1)
@@ -415,8 +413,8 @@ def pictures(shown: Mapping[str, DrawnPostures], *, width: int | None = None) ->
     shadows = [max(body.shadow_end(pose) for pose in range(count)) for body in shown.values()]
     end = max(float(ends[-1]), *(places + shadows).tolist())
     across = width or HEIGHT * end / (top - floor)
-    scale = across / end  # pixels to a height
-    size = [2 * round(0.5 * pixels) for pixels in (across, scale * (top - floor))]  # even: H.264 has it so
+    scale = across / end  # pixels per height
+    size = [2 * round(0.5 * pixels) for pixels in (across, scale * (top - floor))]  # H.264 needs even sizes
     for pose in range(count):
         picture = Image.new("RGB", (SHARPER * size[0], SHARPER * size[1]), "white")
         pen = ImageDraw.Draw(picture)
@@ -430,12 +428,12 @@ def pictures(shown: Mapping[str, DrawnPostures], *, width: int | None = None) ->
 
 
 def webp(frames: Iterable[Image.Image], count: int, *, quality: int = QUALITY) -> bytes:
-    """So many pictures as an animated WebP that begins anew in the end."""
+    """Encode `count` pictures as an endless animated WebP."""
     return _film("webp", frames, count, quality=quality, method=4)
 
 
 def gif(frames: Iterable[Image.Image], count: int) -> bytes:
-    """So many pictures as a GIF that begins anew in the end, all in the colours of the first."""
+    """Encode `count` pictures as an endless GIF with the palette of the first."""
     rest = iter(frames)
     first = next(rest).quantize(255, dither=Image.Dither.NONE)
     palette, ground = first.getpalette() or [], int(np.asarray(first)[0, 0])
@@ -446,8 +444,8 @@ def gif(frames: Iterable[Image.Image], count: int) -> bytes:
 
 
 class _Reel(Image.Image):
-    """Pictures as one image of several, each made when it is sought: no more than one is kept, where a list of them
-    takes gigabytes, and the encoder is never far behind the one that was made last."""
+    """Pictures as one image of several frames for Pillow's encoder. Each is made when it is sought, since a list of
+    them takes gigabytes."""
 
     def __init__(self, frames: Iterable[Image.Image], count: int) -> None:
         super().__init__()
@@ -458,7 +456,7 @@ class _Reel(Image.Image):
         return self._at
 
     def seek(self, frame: int) -> None:
-        """Go on to a picture; one that is gone is not sought but in the end. Raises EOFError after the last."""
+        """Advance to a picture. Earlier ones are gone. Raises EOFError after the last."""
         if frame >= self.n_frames:
             raise EOFError
         while self._at < frame:
@@ -474,7 +472,7 @@ def _film(kind: str, frames: Iterable[Image.Image], count: int, **how: Any) -> b
 
 
 def mp4(frames: Iterable[Image.Image], count: int) -> bytes:
-    """So many pictures as H.264, as every browser and phone plays it."""
+    """Encode `count` pictures as H.264, which every browser and phone plays."""
     import av
 
     rest, made = iter(frames), BytesIO()
@@ -489,12 +487,12 @@ def mp4(frames: Iterable[Image.Image], count: int) -> bytes:
 
 
 KINDS: dict[str, Callable[[Iterable[Image.Image], int], bytes]] = {".webp": webp, ".gif": gif, ".mp4": mp4}
-"""Suffix of a file -> what makes an animation of so many pictures."""
+"""Suffix of a file -> encoder of pictures."""
 
 
 def animation_path(path: Path) -> Path:
-    """The path, if an animation can be written there. Raises UsageError for another kind of file, and ConfigError where
-    what writes it is missing."""
+    """Return the path if its kind can be written. Raises UsageError for an unknown kind, and ConfigError without its
+    encoder."""
     if path.suffix.lower() not in KINDS:
         raise UsageError("unknown kind of animation", where="--animate", found=str(path), allowed=", ".join(KINDS))
     if path.suffix.lower() == ".mp4" and find_spec("av") is None:
@@ -504,19 +502,18 @@ def animation_path(path: Path) -> Path:
 
 
 def write_animation(run: RunResult, path: Path, *, watch: Watch = unwatched) -> None:
-    """Write performer and robot of a run side by side, as they move, at most LONGEST_S of it. path: as of
-    `animation_path`. watch: is told of each picture. Raises UsageError where it cannot be written, or where nothing was
-    followed."""
+    """Write performer and robot of a run side by side, moving, for at most LONGEST_S. watch: counts the pictures.
+    Raises UsageError if the file cannot be written, or if nothing was followed."""
     if run.ticks_followed < 2:
         raise UsageError("no tick followed, and an animation shows what followed", where="--animate")
     shown = moving(run)
     count = len(shown["performer"].poses)
     with watch(f"writing {path}", count) as made:
-        content = KINDS[path.suffix.lower()](_told(pictures(shown), made), count)
+
+        def counted() -> Iterator[Image.Image]:
+            for number, frame in enumerate(pictures(shown), 1):
+                yield frame
+                made(number)
+
+        content = KINDS[path.suffix.lower()](counted(), count)
     write_atomic(path, content, option="--animate")
-
-
-def _told(frames: Iterable[Image.Image], made: Callable[[int], None]) -> Iterator[Image.Image]:
-    for number, frame in enumerate(frames, 1):
-        yield frame
-        made(number)

@@ -1,7 +1,7 @@
-"""The run's end of a page: what it does goes out, and what the operator asks for on the page comes in.
+"""The run's end of a page: ticks go out, and requests of the operator come in.
 
-The page is served by a process of its own. Between them is a pair of sockets whose ends never wait: what the other does
-not take at once is dropped, so that a page that is slow, stopped or dead costs a tick nothing.
+Another process serves the page. The sockets between them never block: a message that is not taken at once is dropped,
+so that a page that is slow, stopped or dead costs a tick nothing.
 """
 
 import json
@@ -33,7 +33,7 @@ SHOWN = (
     *("human_q", "sensors", "q", "present", "landmarks_asked", "landmarks_reached", "observer_modes", "temperature"),
     *("current", "truth", "doing", "reason", "imu_orientation", "imu_valid"),
 )
-"""The fields of a row that a page shows, besides its time, obstacles and latency."""
+"""Fields of a row that a page shows, besides its time, obstacles and latency."""
 STATE_WORDS = {
     RunState.APPROACH: "approaching",
     RunState.FOLLOW: "following",
@@ -46,28 +46,28 @@ STATE_WORDS = {
     RunState.OFF: "ended",
     RunState.FAULT: "stopped",
 }
-"""What a robot does in a state of the run."""
+"""Words for the states of a run."""
 SHOWN_HZ = 25.0
 STOP = b"stop"
 READY, REFUSED = b"ready ", b"refused "
 START_S = 30.0
-"""A page that is not there by then is not coming."""
+"""Longest time to wait for the page, s."""
 LAST_ROW_S, ENDING_S = 0.2, 4.0
-"""The last row is sent within the first of these, and the process of the page ends within the second, s."""
+"""Longest times to send the last row, and for the process of the page to end, s."""
 BUFFER_BYTES = 1 << 17
-"""Room of the socket: two rows of the largest robot; what does not fit is dropped."""
+"""Size of the socket's buffer: two rows of the largest robot."""
 LONGEST_ANSWER = 4096
-"""Bytes of an answer of the page, and more."""
-MOST_WORDS = 1024
-"""Words of the page that wait for the run: of a minute in which it hears none."""
+"""Largest message of the page, bytes."""
+MOST_MESSAGES = 1024
+"""Messages of the page that wait for the run: a minute of them."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How the page is served. listen: on every interface, with HTTPS, and not on this machine alone. port: of TCP, 0
-    for any. robot: name or file of its profile. performs: a browser may be the performer, and pause the robot; else it
-    looks on, and can only stop it. dead_man: the robot moves only while it is held. stick: it walks as the pads ask.
-    poses: number of the socket to the run for poses, -1: none."""
+    """Settings of the server. listen: serve on every interface, with HTTPS. port: of TCP, 0 for any. robot: name or
+    file of its profile. performs: a browser may be the performer, and pause the robot; else it can only stop it.
+    dead_man: the robot moves only while it is held. stick: pads make it walk. poses: file descriptor of the socket for
+    poses, -1 for none."""
 
     listen: bool
     port: int
@@ -80,9 +80,9 @@ class Settings:
 
 @dataclass(frozen=True)
 class PageSetup:
-    """Who and what is seen, once the performer is known. robot: name or file of the profile, None for a human alone;
-    root: how it stands in the world, None as its profile says; scene: file or name. sensors: of the
-    performer, and landmarks: of the robot, names. servos_measure: temperatures and currents."""
+    """The bodies of a page, once the performer is known. robot: name or file of the profile, None for a human alone.
+    root: its mounting, None for that of its profile. scene: file or name. sensors: names, of the performer. landmarks:
+    names, of the robot. servos_measure: rows have temperatures and currents."""
 
     robot: str | None
     root: Mounting | None
@@ -95,18 +95,18 @@ class PageSetup:
 
 @dataclass(frozen=True)
 class Note:
-    """What the run says to the people at the page: an instruction to the performer, a warning, how it ended."""
+    """A sentence on the page: an instruction to the performer, a warning, or how the run ended."""
 
     note: str
 
 
 ROW = b"\0"
-"""Begins a row; anything else is JSON."""
+"""First byte of a row. All other messages are JSON."""
 
 
 def packed(message: PageSetup | RunTable | Note | str) -> bytes:
-    """A message to the process of the page. A text is a state. Of a row: a line of JSON with its words and the types
-    and shapes of its arrays, then their bytes."""
+    """Encode a message to the process of the page. A text is a state. A row is a line of JSON, with its words and the
+    types and shapes of its arrays, followed by their bytes."""
     if not isinstance(message, RunTable):
         return json.dumps(message if isinstance(message, str) else vars(message)).encode()
     known = message.known
@@ -118,7 +118,7 @@ def packed(message: PageSetup | RunTable | Note | str) -> bytes:
 
 
 def unpacked(data: bytes) -> PageSetup | RunTable | Note | str:
-    """The message of these bytes."""
+    """Decode a message of `packed`."""
     if data.startswith(ROW):
         head, _, body = data[1:].partition(b"\n")
         known, kinds = json.loads(head)
@@ -128,33 +128,33 @@ def unpacked(data: bytes) -> PageSetup | RunTable | Note | str:
             known[name] = np.frombuffer(body, kind, count, at).reshape(shape)
             at += known[name].nbytes
         return RunTable(**known)
-    said = json.loads(data)
-    if isinstance(said, str):
-        return said
-    if "note" in said:
-        return Note(**said)
-    lists: Any = {name: tuple(value) if isinstance(value, list) else value for name, value in said.items()}
+    content = json.loads(data)
+    if isinstance(content, str):
+        return content
+    if "note" in content:
+        return Note(**content)
+    lists: Any = {name: tuple(value) if isinstance(value, list) else value for name, value in content.items()}
     return PageSetup(**lists)
 
 
 class ViewFeed:
-    """link: to the process of the page (its number), which never waits while the run goes on."""
+    """The run's connection to a page. link: to the process of the page; process: its PID."""
 
     def __init__(self, link: socket.socket, process: int) -> None:
         self.address, self.process = "", process
         self.extras = Extras()
-        """What is not in the record."""
+        """Values that are shown but not in the record."""
         self._link = link
         self._dt, self._every, self._ticks = 1.0 / SHOWN_HZ, 1, 0
         self.dropped = 0
-        """Rows that the page did not take."""
+        """Number of rows that the page did not take."""
         self._landmarks: tuple[str, ...] = ()
         self._stop = False
-        self._words: deque[str] = deque(maxlen=MOST_WORDS)
+        self._messages: deque[str] = deque(maxlen=MOST_MESSAGES)
         self._last: tuple[Record, int] | None = None
 
     def announce(self, state: str) -> None:
-        """Show a state of the run in which nothing moves yet."""
+        """Show a state of the run before the first tick."""
         with suppress(OSError):
             self._send(state)
 
@@ -164,12 +164,12 @@ class ViewFeed:
             self._send(Note(text))
 
     def begin(self, setup: PageSetup, *, rate_hz: float) -> None:
-        """Wait until all that is seen is on the page. rate_hz: of the ticks. Raises ConfigError or what it refuses."""
+        """Wait until the page has loaded the bodies. rate_hz: of the ticks. Raises ConfigError if it refuses."""
         self._dt, self._every, self._landmarks = 1.0 / rate_hz, max(round(rate_hz / SHOWN_HZ), 1), setup.landmarks
         self.answer(setup)
 
     def on_row(self, record: Record, row: int) -> None:
-        """A tick was kept in a row of the record; some times a second it is shown."""
+        """Show a row of the record, at SHOWN_HZ."""
         self._ticks += 1
         self._last = record, row
         if self._ticks % self._every:
@@ -179,47 +179,46 @@ class ViewFeed:
         except OSError:  # full, or gone
             self.dropped += 1
 
-    def stop_asked(self) -> bool:
-        """Whether the operator pressed the button of the page, ever."""
-        self._hear()
+    def stop_requested(self) -> bool:
+        """True once STOP was pressed on the page."""
+        self._poll()
         return self._stop
 
-    def words(self) -> list[str]:
-        """What else was said on the page since the last call, oldest first, at most MOST_WORDS."""
-        self._hear()
-        words = [*self._words]
-        self._words.clear()
-        return words
+    def messages(self) -> list[str]:
+        """Return the other messages of the page since the last call, oldest first, at most MOST_MESSAGES."""
+        self._poll()
+        messages = [*self._messages]
+        self._messages.clear()
+        return messages
 
-    def _hear(self) -> None:
-        for _ in range(MOST_WORDS):
+    def _poll(self) -> None:
+        for _ in range(MOST_MESSAGES):
             try:
-                word = self._link.recv(LONGEST_ANSWER)
+                message = self._link.recv(LONGEST_ANSWER)
             except OSError:  # no message, or no process
                 return
-            if not word:
+            if not message:
                 return
-            self._take(word)
+            self._take(message)
 
-    def _take(self, word: bytes) -> None:
-        if word == STOP:
+    def _take(self, message: bytes) -> None:
+        if message == STOP:
             self._stop = True
         else:
-            self._words.append(word.decode(errors="replace"))
+            self._messages.append(message.decode(errors="replace"))
 
     def end(self) -> None:
-        """Show how it ended."""
+        """Show the last row."""
         if self._last is not None:
             with suppress(OSError):
                 self._link.settimeout(LAST_ROW_S)
                 self._show(*self._last)
 
-    def answer(self, *said: PageSetup) -> str:
-        """Say something, if there is anything, and wait for what the page answers. Raises ConfigError for what it
-        refuses."""
+    def answer(self, *messages: PageSetup) -> str:
+        """Send messages, and wait for the answer of the page. Raises ConfigError if it refuses."""
         self._link.settimeout(START_S)
         try:
-            for message in said:
+            for message in messages:
                 self._send(message)
             while (answer := self._link.recv(LONGEST_ANSWER)) and not answer.startswith((READY, REFUSED)):
                 self._take(answer)
@@ -232,14 +231,14 @@ class ViewFeed:
         return answer.removeprefix(READY).decode()
 
     def _show(self, record: Record, row: int) -> None:
-        """Raises OSError where the page does not take it at once."""
+        """Send a row. Raises OSError if the page does not take it at once."""
         extras = self.extras
         (doing, reason), time = extras.words(), (self._ticks - 1) * self._dt
         known: dict[str, Any] = {name: record.known[name][row] for name in SHOWN if name in record}
         if record.robot is not None:
-            asked = np.full((len(self._landmarks), 3), np.nan)
-            asked[[self._landmarks.index(name) for name in record.landmark_names]] = record.landmarks_asked[row]
-            known |= {"landmarks_asked": asked, "current": extras.current(), "truth": extras.truth()}
+            desired = np.full((len(self._landmarks), 3), np.nan)
+            desired[[self._landmarks.index(name) for name in record.landmark_names]] = record.landmarks_asked[row]
+            known |= {"landmarks_asked": desired, "current": extras.current(), "truth": extras.truth()}
         known |= {"obstacles": extras.obstacles(), "latency": extras.latency()}
         self._send(RunTable(**known | {"time": time, "doing": doing, "reason": reason}))
 
@@ -249,7 +248,7 @@ class ViewFeed:
 
 @contextmanager
 def needing_websockets() -> Iterator[None]:
-    """Raise ConfigError where websockets are missing."""
+    """Raise ConfigError if websockets are missing."""
     try:
         yield
     except ImportError as error:
@@ -259,8 +258,8 @@ def needing_websockets() -> Iterator[None]:
 
 @contextmanager
 def open_feed(settings: Settings) -> Iterator[ViewFeed]:
-    """The page of a run, from now on; in the end it shows how the run ended, and ends by itself, or is ended. Raises
-    ConfigError or what it refuses."""
+    """Serve the page of a run. At the end it shows how the run ended, and its process is waited for or killed. Raises
+    ConfigError if the page does not open."""
     with needing_websockets():
         import websockets  # noqa: F401  (the page's process needs it)
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -272,7 +271,7 @@ def open_feed(settings: Settings) -> Iterator[ViewFeed]:
             pass_fds=[theirs.fileno(), *([settings.poses] if settings.poses >= 0 else [])],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},  # the code that the run runs
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},  # the same code as in this process
         )
     try:
         with ours:

@@ -1,4 +1,4 @@
-"""A finished run to be looked at, whatever file it is from: its cast, what is shown of each tick, and its page."""
+"""The page of a recorded run, of any kind of file: its cast, and tracks with a row for each tick."""
 
 import base64
 import math
@@ -31,15 +31,12 @@ from retarget.web.shown import Cast, joint_tracks, moved, observers_at, present
 
 WORDS = {STATES_OF_RUN[state]: words for state, words in STATE_WORDS.items()}
 PHASE_WORDS = ("approaching", "following", "stopping")
-"""What a robot does, by the state of the run, and by the phase of a tick, which is less precise."""
+"""Words for the states of a run, and for the phases of a tick, which are less precise."""
 
 
 def recorded_obstacles(run: Motion) -> tuple[list[Mesh], FloatArray | None, tuple[str, ...]]:
-    """The obstacles of a recorded run: their meshes; their poses (T, o, 7), m and wxyz, at every tick, None without
-    any; and notes why they are not shown, or that the file of the scene is another one now.
-
-    A recording has its scene attached. Obstacles that a program moved live are shown where the scene file has them.
-    """
+    """Return the meshes of the obstacles, their poses (T, o, 7), m and wxyz, or None, and notes on a scene that is not
+    shown or has changed. Obstacles that a program moved live are shown as in the scene file."""
     if run.recording is None:
         return [], None, ()
     try:
@@ -60,7 +57,7 @@ KEPT_FIELDS = ("time", "phase", "gated", *SHOWN)
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ShownRun(RunTable):
-    """A recorded run, as a page shows it. robot: its name. notes: what is missing."""
+    """A recorded run for a page. robot: name. notes: sentences on missing parts."""
 
     cast: Cast
     robot: str
@@ -68,11 +65,8 @@ class ShownRun(RunTable):
 
 
 def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
-    """Read a run: saved or recorded, by what is in the file. What is kept less often than every tick is shown as it was
-    last. body: MJCF or URDF of the robot, where the one that the file names is not there any more.
-
-    Raises InputError for anything else.
-    """
+    """Read a saved or recorded run. Fields that are not kept in every tick repeat their last value. body: MJCF or URDF
+    of the robot, in place of a missing one. Raises InputError for any other file."""
     run = read_recorded(path, body=body)
     if run.human is None or run.compiled is None:
         raise no_human(str(path))
@@ -102,21 +96,21 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
 
 
 def _profile(body: Path) -> RobotBody | None:
-    """The robot whose body file it is, if its profile lies next to it and can be read."""
+    """The robot of a body file, None without a readable profile beside it."""
     try:
         return load_robot(body.with_name("robot.yaml"), root="free")
     except RefusedError:
         return None
 
 
-# Its page: the player of a report, with every tick, goals and joints.
+# The page: the player of a report, with every tick, goals and joints.
 
 MOST_ROWS = 40_000
-"""Rows of a page at most, some 70 MB: five minutes at 125 Hz; a longer run is shown more coarsely."""
+"""Largest number of rows, some 70 MB: five minutes at 125 Hz. A longer run is thinned."""
 
 
 def page_files(run: ShownRun, name: str) -> dict[str, bytes]:
-    """The page of a run, "", and what it loads, by their places. name: of the recording."""
+    """Files of the page of a run by their places, "" for the page itself. name: of the recording."""
     tracks = bytearray()
     title = f"{run.robot}: {name}"
     html = template("view.html").render(title=title, animation=_lifted(_animation(run), tracks))
@@ -126,7 +120,7 @@ def page_files(run: ShownRun, name: str) -> dict[str, bytes]:
 
 
 def _lifted(value: Any, tracks: bytearray) -> Any:
-    """The same with its packed numbers moved into `tracks`: the first byte, and how many numbers."""
+    """Move packed numbers into `tracks`, and replace each by its first byte and count."""
     if isinstance(value, dict):
         return {name: _lifted(one, tracks) for name, one in value.items()}
     if not isinstance(value, Packed):
@@ -138,7 +132,7 @@ def _lifted(value: Any, tracks: bytearray) -> Any:
 
 
 def _animation(run: ShownRun) -> dict[str, Any]:
-    """What the player draws, as `animation_of` has it."""
+    """Data of the player, like those of `animation_of`."""
     every = math.ceil(len(run) / MOST_ROWS)
     rows, cast = np.arange(0, len(run), every), run.cast
     shown = run[rows]
@@ -157,7 +151,7 @@ def _animation(run: ShownRun) -> dict[str, Any]:
         "ground": None if q is None or cast.profile is None else ground(cast.profile, q, rows),
         "recorded": None,
         "joints": joints and joints | {"names": cast.joints, "measured": cast.servos_measure},
-        "doing": [(at, *said) for at, said in enumerate(words) if at == 0 or said != words[at - 1]],
+        "doing": [(at, *one) for at, one in enumerate(words) if at == 0 or one != words[at - 1]],
         "poses": [],
         "moments": [],
         "notes": run.notes,
@@ -166,7 +160,7 @@ def _animation(run: ShownRun) -> dict[str, Any]:
 
 
 def _performer(run: ShownRun) -> dict[str, Any]:
-    """The human and its sensors, turned so that it faces x where following begins."""
+    """The human and its sensors, rotated so that it faces x when following begins."""
     cast, first = run.cast, int(np.argmax(run.phase == Phase.FOLLOW))
     _, turns = cast.human.kinematics.forward(np.ascontiguousarray(run.human_q[first]))
     ahead = rotate(turns[1], np.array([1.0, 0.0, 0.0]))[None, :2]
@@ -180,7 +174,7 @@ def _performer(run: ShownRun) -> dict[str, Any]:
 
 
 def _robot(run: ShownRun, q: FloatArray) -> dict[str, Any]:
-    """The robot in postures (T, nq), with its servos where they report to be, and its goals."""
+    """The robot in postures (T, nq), with measured servo positions, and its goals."""
     cast = run.cast
     assert cast.robot is not None
     marks = run.landmarks_asked if "landmarks_asked" in run else np.zeros((len(run), 0, 3))
@@ -191,7 +185,7 @@ def _robot(run: ShownRun, q: FloatArray) -> dict[str, Any]:
         cast.robot.poses(present(cast, run, q)),
         goal=cast.robot.poses(run.q),
         marks=marks,
-        layers=("asked", "pass"),
+        layers=("desired", "pass"),
         scene=_obstacles(run),
         observers=(cast.observer_meshes, *observers_at(cast, run)) if acts else None,
     )

@@ -1,7 +1,7 @@
-"""The body tracker that the page of `web://` runs in the browser: fetched once, checked, and made ready in the cache.
+"""The body tracker that the page of `web://` runs in the browser: fetched once, checked, and kept in the cache.
 
-Nothing of it is part of this project. Two packages of the npm registry bring the code (MediaPipe's tasks-vision) and
-the models (its older pose package); both are Apache-2.0. Later versions of the first send usage data: it is pinned.
+Two packages of the npm registry have the code (MediaPipe's tasks-vision) and the models (its older pose package), both
+Apache-2.0. The first is pinned, since later versions send usage data.
 """
 
 import hashlib
@@ -26,12 +26,12 @@ WHERE = "retarget web install"
 FETCH_S = 900
 """Longest time, s, for one package: 41 MB over a line of 0.4 Mbit/s."""
 LARGEST = 100_000_000
-"""Bytes of an archive that is read: the larger of the two has 41 million."""
+"""Largest archive, bytes. The larger of the two has 41 million."""
 
 
 @dataclass(frozen=True, slots=True)
 class Package:
-    """A package of the npm registry: its name, version, and the SHA-256 of its archive."""
+    """A package of the npm registry. sha256: of its archive."""
 
     name: str
     version: str
@@ -39,7 +39,7 @@ class Package:
 
     @property
     def spec(self) -> str:
-        """As the npm client takes it."""
+        """Name and version for the npm client."""
         return f"{self.name}@{self.version}"
 
 
@@ -48,26 +48,24 @@ VISION = Package(
 )
 POSE = Package("@mediapipe/pose", "0.5.1675469404", "8bb349a7b3a3ba699df23be804ddd3b3eab810b50b15406894be257859388a84")
 FOLDER = f"tasks-vision-{VISION.version}-pose-{POSE.version}"
-"""Name of the folder of these versions."""
 MODEL = "pose_landmarker_lite.task"
-"""The bundle of both models: the one that finds a person and the one that finds landmarks."""
+"""The bundle of both models: detector of a person, and landmarks."""
 BUNDLE = "vision_bundle.mjs"
-"""The code's module."""
 FILES = (BUNDLE, "wasm/vision_wasm_module_internal.js", "wasm/vision_wasm_module_internal.wasm", MODEL)
-"""Files without which nothing runs."""
+"""Files that are required."""
 
 
 def runtime_folder() -> Path | None:
-    """The folder with `vision_bundle.mjs`, `wasm/` and `pose_landmarker_lite.task`; None: not installed."""
-    folder = _place()
+    """The folder with FILES, or None if they are not installed."""
+    folder = _folder()
     return folder if all((folder / name).is_file() for name in FILES) else None
 
 
 def install(archives: Sequence[Path] | None, notify: Callable[[str], object]) -> Path:
-    """Make the runtime ready in the cache, whole or not at all, and return its folder.
+    """Install the runtime in the cache, whole or not at all, and return its folder.
 
-    archives: the two packages as `npm pack` writes them (.tgz), in any order; None: the npm client fetches them.
-    notify: receives what is being done. Raises UsageError, InputError: no npm client, no network, other archives.
+    archives: the two packages as `npm pack` writes them (.tgz), in any order; None fetches them with the npm client.
+    notify: receives progress. Raises UsageError without npm or network, InputError for other archives.
     """
     if archives is None:
         with tempfile.TemporaryDirectory() as folder:
@@ -86,16 +84,16 @@ def install(archives: Sequence[Path] | None, notify: Callable[[str], object]) ->
         f"From the npm packages {VISION.spec} and {POSE.spec}: MediaPipe, Apache License 2.0.\n"
         f"{MODEL}: their two models with metadata added.\n"
     ).encode()
-    write_folder(_place(), contents, option=WHERE)
-    return _place()
+    write_folder(_folder(), contents, option=WHERE)
+    return _folder()
 
 
-def _place() -> Path:
+def _folder() -> Path:
     return cache_folder() / "web" / FOLDER
 
 
 def _fetched(package: Package, folder: Path) -> Path:
-    """The archive of a package, fetched by the npm client into a folder."""
+    """Fetch the archive of a package into a folder. Raises UsageError."""
     npm = shutil.which("npm")
     specs = " ".join(one.spec for one in (VISION, POSE))
     by_hand = f"on a machine that has both, run: npm pack {specs}; and give the two .tgz files to {WHERE}"
@@ -106,8 +104,8 @@ def _fetched(package: Package, folder: Path) -> Path:
     command = [npm, "pack", "--loglevel=error", "--fetch-retries=1", "--pack-destination", str(folder), package.spec]
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=FETCH_S, check=False)
-        said = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-        why = said[0][:200] if said else f"exit code {done.returncode}"  # the first names the fault
+        lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+        why = lines[0][:200] if lines else f"exit code {done.returncode}"  # the first names the fault
     except (OSError, subprocess.TimeoutExpired) as error:
         done, why = None, str(error)[:200]
     archives = sorted(folder.glob(f"{package.name.lstrip('@').replace('/', '-')}-*.tgz"))
@@ -118,9 +116,9 @@ def _fetched(package: Package, folder: Path) -> Path:
 
 
 def _checked(paths: Sequence[Path]) -> dict[Package, bytes]:
-    """Both packages' archives, known by their checksums."""
-    wanted, found = {package.sha256: package for package in (VISION, POSE)}, dict[Package, bytes]()
-    allowed = " and ".join(package.spec for package in wanted.values())
+    """Read both archives and identify them by their checksums. Raises InputError."""
+    packages, found = {package.sha256: package for package in (VISION, POSE)}, dict[Package, bytes]()
+    allowed = " and ".join(package.spec for package in packages.values())
     for path in paths:
         try:
             with path.open("rb") as stream:
@@ -130,55 +128,53 @@ def _checked(paths: Sequence[Path]) -> dict[Package, bytes]:
                 "cannot read this archive", where=str(path)[:200], found=error.strerror or error
             ) from error
         checksum = hashlib.sha256(data).hexdigest()
-        if checksum not in wanted:
+        if checksum not in packages:
             raise InputError(
                 "this archive is damaged, or of another package or version",
                 where=str(path)[:200],
                 found=f"SHA-256 {checksum}",
                 allowed=f"{allowed}, as npm pack writes them",
-                next_step=f"Fetch it again: npm pack {' '.join(package.spec for package in wanted.values())}",
+                next_step=f"Fetch it again: npm pack {' '.join(package.spec for package in packages.values())}",
             )
-        found[wanted[checksum]] = data
-    if missing := [package.spec for package in wanted.values() if package not in found]:
+        found[packages[checksum]] = data
+    if missing := [package.spec for package in packages.values() if package not in found]:
         step = f"Fetch it: npm pack {' '.join(missing)}"
         raise InputError("an archive is missing", where=WHERE, found=f"no {', no '.join(missing)}", next_step=step)
     return found
 
 
 def _members(archive: bytes) -> dict[str, bytes]:
-    """Files of an archive whose checksum is right, by their paths without the folder that holds them all."""
+    """Files of a checked archive, by their paths without the outer folder."""
     with tarfile.open(fileobj=io.BytesIO(archive), mode="r:gz") as tar:
         files = [(one.name.partition("/")[2], tar.extractfile(one)) for one in tar if one.isfile()]
         return {name: stream.read() for name, stream in files if stream is not None}
 
 
 def _bundle(detector: bytes, landmarks: bytes) -> bytes:
-    """The model bundle: a stored zip of both models, with the means and deviations that their inputs are scaled by."""
+    """Return the model bundle: a stored zip of both models, with the scaling of their inputs."""
     written = io.BytesIO()
     with zipfile.ZipFile(written, "w", zipfile.ZIP_STORED) as bundle:
         for name, model, mean, deviation in (
             ("pose_detector.tflite", detector, 127.5, 127.5),  # pixels become -1 to 1
             ("pose_landmarks_detector.tflite", landmarks, 0.0, 255.0),  # pixels become 0 to 1
         ):
-            # A fixed date, so that the same packages give the same bytes.
+            # The fixed date makes the bytes reproducible.
             bundle.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), with_scaling(model, mean, deviation))
     return written.getvalue()
 
 
-# Metadata of a TensorFlow Lite model: a FlatBuffer (schema: TensorFlow Lite Support's metadata_schema.fbs) in a buffer
-# of the model, which is a FlatBuffer itself (schema.fbs).
-#
-# Offsets in a FlatBuffer are unsigned and relative to where they stand: all point forward. So a new root table, with
-# all that changes, goes in front of the old bytes, which stay as they are, and points into them.
+# The metadata of a TensorFlow Lite model (a FlatBuffer, schema.fbs) are a FlatBuffer (metadata_schema.fbs of TensorFlow
+# Lite Support) in one of its buffers. Offsets in a FlatBuffer are unsigned and relative to their own place, so all
+# point forward. A new root table stands in front of the unchanged old bytes and points into them.
 
 _TEXT = "TFLITE_METADATA"
-"""Name under which a model holds its metadata."""
+"""Name of the metadata in a model."""
 _BUFFERS, _METADATA = 4, 6
-"""Fields of a model: (data) buffers, and a list of (name, number of its buffer)."""
+"""Fields of a model: buffers, and a list of (name, number of a buffer)."""
 
 
 def with_scaling(model: bytes, mean: float, deviation: float) -> bytes:
-    """A model (.tflite) of one picture, told to scale its input: (pixel - mean) / deviation, of values 0 to 255."""
+    """Return a model (.tflite) of one picture whose input is scaled: (pixel - mean) / deviation, of values 0 to 255."""
     scaling = {0: 1, 1: {0: [mean], 1: [deviation]}}  # options: NormalizationOptions
     content = {0: 2, 1: {0: 1}}  # content_properties: ImageProperties of colour space RGB
     tensor = {0: "image", 3: content, 4: [scaling]}
@@ -194,13 +190,12 @@ def with_scaling(model: bytes, mean: float, deviation: float) -> bytes:
 
 
 Table = dict[int, Any]
-"""A table: slot -> whole number of at most 32 bits, or a text, bytes, a list of numbers, tables or `_Old`, a table, an
-`_Old`."""
+"""A table: slot -> 32-bit integer, text, bytes, table, `_Old`, or a list of numbers, tables or `_Old`."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Old:
-    """Something at this place of the old bytes."""
+    """An object at this place of the old bytes."""
 
     at: int
 
@@ -210,7 +205,7 @@ def _uint(data: bytes, at: int) -> int:
 
 
 def _fields(data: bytes, table: int) -> dict[int, int]:
-    """Slot -> place of each field that a table has."""
+    """Slot -> place of each field of a table."""
     layout = table - struct.unpack_from("<i", data, table)[0]
     size = struct.unpack_from("<H", data, layout)[0]
     offsets = struct.unpack_from(f"<{size // 2 - 2}H", data, layout + 4)
@@ -225,24 +220,24 @@ def _listed(data: bytes, field: int) -> list[int]:
 
 
 def _encoded(root: Table, identifier: bytes, *, behind: bytes = b"") -> bytes:
-    """A FlatBuffer with this root in front of old bytes: everything stands behind what points to it."""
+    """Encode a FlatBuffer with this root, in front of old bytes. Each object stands behind the offset to it."""
     out = bytearray(struct.pack("<I4s", 0, identifier))
-    pending: list[tuple[int, Any]] = [(0, root)]  # place of an offset, and what it points to
+    pending: list[tuple[int, Any]] = [(0, root)]  # place of an offset, and its target
     old: list[tuple[int, int]] = []
-    for place, node in pending:  # which grows
+    for place, node in pending:  # the list grows meanwhile
         if isinstance(node, _Old):
             old.append((place, node.at))
             continue
         start = _append(out, node, pending)
         struct.pack_into("<I", out, place, start - place)
-    out += bytes(-len(out) % 16)  # what is aligned in the old bytes stays so
+    out += bytes(-len(out) % 16)  # keeps the alignment of the old bytes
     for place, at in old:
         struct.pack_into("<I", out, place, len(out) + at - place)
     return bytes(out) + behind
 
 
 def _append(out: bytearray, node: Any, pending: list[tuple[int, Any]]) -> int:
-    """Append one node to `out`, and what it points to to `pending`. Returns where it starts."""
+    """Append one node to `out`, and its targets to `pending`. Returns its place."""
     out += bytes(-len(out) % 4)
     cells: list[Any]
     if isinstance(node, dict):

@@ -1,20 +1,18 @@
-"""The page of a run, of `--view` and of `web://`, served by a process of its own: its files, and a WebSocket to each
-browser.
+"""The process that serves the page of a run (`--view`, `web://`): its files, and a WebSocket to each browser.
 
-`python -m retarget.web.server FD SETTINGS`: FD is the process's end of the pair of sockets that
-`retarget.web.feed.ViewFeed` has the other end of, SETTINGS is JSON of `retarget.web.feed.Settings`.
+Usage: `python -m retarget.web.server FD SETTINGS`. FD is the other end of the sockets of `retarget.web.feed.ViewFeed`,
+SETTINGS is JSON of `retarget.web.feed.Settings`.
 
-The page sends JSON: `hello` with an input and a name; poses, as docs/live.md has them, or 33 landmarks of a camera,
+Messages are JSON objects with a `type`. The page sends `hello` (`input` and `id`), `stop`, `pause`, `go on`, `health`,
+`ping`, and ten times a second `held` (true or false) and `stick` (`forward`, `left` and `turn`, each -1 to 1). Frames
+have no type. They hold poses as in docs/live.md, or 33 landmarks of a camera:
 `{"axes": "camera", "time": 12.345, "frame": 741, "size": [640, 480], "landmarks": [[u, v, x, y, z, visibility], ...]}`.
-u and v are shares of the picture's width and height; x, y and z are metres with the hips as origin, x to the right of
-the picture, y down and z away from the camera. It may also send `stop`, `pause`, `go on`, `health`, and ten times a
-second `held` (true or false) and `stick` (`forward`, `left` and `turn`, each -1 to 1). The server sends `welcome` or
-`refused`, `note`, `paused` (why, "" where it is not), `scene` (triangles of each link), and `state` 25 times a second,
-with the poses of all links behind it, see `packed_state`.
+u and v are shares of the picture's width and height. x, y and z are metres from the hips: to the right of the picture,
+down, and away from the camera. The server sends `welcome` or `refused`, `note`, `paused` (`why`, "" if it is not),
+`scene` (triangles of each link), `stop`, `pong`, and 25 times a second `state`, see `packed_state`.
 
-A browser is a performer, whose poses go on to the run byte for byte, or looks on. Any of them may stop the robot, that
-of `web://` pause it, and that of a run with `--stick page` let it walk. Nothing is served without the key in its
-address, and one performer at a time is heard.
+Frames of the one performer go to the run byte for byte. Any page may stop the robot. A page of `web://` may pause it,
+and one of `--stick page` makes it walk. Nothing is served without the key in the address.
 """
 
 import asyncio
@@ -68,45 +66,43 @@ from retarget.web.shown import Cast, live_tracks
 
 HERE = Path(__file__).parent
 DRAWING = ("bodies.js", "figure.js", "plot.js", "base.css")
-"""The player of `retarget/pictures`, which draws the page of a report, too."""
+"""Files of `retarget/pictures` that a report uses, too."""
 FILES = {"": HERE / "page" / "index.html"} | {name: HERE.parent / "pictures" / name for name in DRAWING}
-"""What is served beside the folder of the page and that of the runtime, by its place under the key."""
+"""Files outside of the folders of page and runtime, by their place under the key."""
 
 MOST_HOLDS = 64
 """Pages that may use a dead-man control in one run."""
 MOST_CLIENTS = 8
-"""Browsers at a time: a performer, and who looks after the robot."""
+"""Browsers at a time."""
 MOST_PER_S, BURST = 150.0, 300.0
-"""Messages a second that a browser may send on average (a headset at 90 Hz, and what a page says of itself), and how
-many at once (a page that was busy for two seconds)."""
+"""Messages of a browser: mean rate, 1/s (a headset at 90 Hz, and `health`), and at once (two seconds' backlog)."""
 HELLO_S = 2.0
-"""A browser that does not say for so long who it is, s, is sent away: the page says so at once."""
+"""Longest wait for `hello`, s."""
 HEARTBEAT_S = 0.1
-"""Time between two messages to the run that a STOP is asked for, s."""
+"""Time between repeated STOP requests to the run, s."""
 SLOW_BYTES = 1 << 18
-"""Bytes that wait for a browser before rows are left out for it: some seconds of them."""
-MOST_SAID = 200
-"""Characters of a sentence of a page that are shown."""
+"""Bytes waiting for a browser from which it gets no more messages: some seconds of rows."""
+MOST_SHOWN = 200
+"""Longest text of a page that is shown, characters."""
 REPORTED_AGAIN_S, MOST_REPORTED = 10.0, 50
-"""The same sentence goes to the terminal again after so long, s; and so many are known apart."""
+"""Time before the terminal shows a sentence again, s, and the number of sentences that are told apart."""
 STEERS_S = 0.3
-"""A page whose pad is held and that has not said so for so long, s, steers no more."""
+"""A page that has not repeated its `stick` for so long no longer steers, s."""
 LOST_S = 0.5
-"""A performer whose page sends no frame for so long, s, or leaves, pauses the robot, which has held since 0.2 s. It
-goes on when asked to."""
-ASKED, LOST = "it was asked for on a page", "the performer was lost: page, link or camera"
-"""Why the robot is paused."""
+"""Silence of a performer after which the robot is paused, s. It has held since 0.2 s."""
+PAGE_PAUSE, LOST = "it was asked for on a page", "the performer was lost: page, link or camera"
+"""Reasons of a pause."""
 OUT_OF_REACH_M, SETTLED_S, SETTLED_M = 0.03, 0.5, 0.02
-"""A landmark of the robot that follows is out of reach if it is farther than the first of these from where it is asked,
-m, though for so long, s, it has not moved by more than the last, m: before that the robot may only be late."""
+"""A landmark is out of reach if it is farther than the first, m, from its target and moved by less than the third, m,
+over the second, s. A robot that moves more may only be late."""
 LAST_SHOWN_S = 1.5
-"""So long the page stays when the run has ended, with the reason."""
+"""Time for which the page shows how the run ended, s."""
 
 
 @dataclass(eq=False)
 class Client:
-    """A browser. identity: what its page calls itself. performs: "camera", "headset", or "" for who looks on; sent:
-    when its last frame came. room: messages that it may send at once, as of `since`."""
+    """A browser. identity: drawn by its page. performs: "camera", "headset" or, of a spectator, "". sent: time of its
+    last frame, s. room: messages that it may send at once, as of `since`, s."""
 
     socket: ServerConnection
     room: float = BURST
@@ -116,40 +112,40 @@ class Client:
     sent: float = np.inf
 
 
-class _Ended(Exception):
-    """A client that is sent away; its text says why."""
+class _ClientRefused(Exception):
+    """A client is disconnected for the reason in the text."""
 
 
-OTHER_PAGE = "the page says something else than its server understands: load it anew"
+OTHER_PAGE = "the page sends a message that its server does not know: load it anew"
 
 
 @dataclass(eq=False)
 class PageServer:
-    """Passes poses to the run, and what the run says to every browser. feed, poses: sockets to the run."""
+    """Relays poses to the run, and messages of the run to every browser. feed, poses: sockets to the run."""
 
     settings: Settings
     feed: socket.socket
     poses: socket.socket | None
     clock: Clock
     clients: dict[Client, None] = field(default_factory=dict)
-    said: dict[str, str | bytes] = field(default_factory=dict)
-    """The last message of each kind to all browsers: a new one gets them, too."""
+    newest: dict[str, str | bytes] = field(default_factory=dict)
+    """The last message of each type to all browsers. A new browser gets them, too."""
     ended: asyncio.Event = field(default_factory=asyncio.Event)
     _known: dict[str, int] = field(default_factory=dict)
-    """Numbers of performers, by what their pages call themselves."""
+    """Numbers of performers, by identity."""
     _cast: Cast | None = None
     _last: RunTable | None = None
     _latest: tuple[str, str] | None = None
-    """Identity and input of the performer who came last."""
+    """Identity and input of the newest performer."""
     _measured: tuple[str, str] | None = None
-    """The same of who the robot follows."""
+    """Identity and input of the performer who was measured, and whom the robot follows."""
     _holds: dict[str, int] = field(default_factory=dict)
-    """Numbers of the pages that have used a dead-man control, by their identity."""
+    """Numbers of the pages that have used a dead-man control, by identity."""
     _steers: tuple[Client | None, float] = None, -np.inf
-    """The browser that steers, and until when [s] it does unless it says so again."""
+    """The browser that steers, and the time at which its request expires, s."""
     _stop: bool = False
     _reported: dict[str, float] = field(default_factory=dict)
-    """When a sentence went to the terminal."""
+    """Times at which sentences were shown in the terminal, s."""
     _round_trip_ms: float = 0.0
     _moved: deque[tuple[float, FloatArray]] = field(default_factory=deque)
     """Times, s, and landmarks of the robot in the rows of the last SETTLED_S."""
@@ -157,101 +153,100 @@ class PageServer:
     # Browsers.
 
     async def talk(self, connection: ServerConnection) -> None:
-        """Serve one browser until it leaves, or is sent away with a sentence."""
+        """Serve one browser until it leaves or is refused."""
         client = Client(connection, since=self.clock.now())
         try:
             await self._welcome(client)
             async for message in connection:
                 self._take(client, message)
-        except _Ended as why:
+        except _ClientRefused as why:
             self.notify(f"a page was sent away: {why}")
             with suppress(ConnectionClosed):
-                await connection.send(json.dumps({"hear": "refused", "why": str(why)}))
+                await connection.send(json.dumps({"type": "refused", "why": str(why)}))
         except ConnectionClosed:
             pass
         finally:
             if client.identity in self._holds:
-                self._word(f"{RELEASE}{self._holds[client.identity]}")
+                self._send_run(f"{RELEASE}{self._holds[client.identity]}")
             if self.clients.pop(client, 0) is None and client.performs:
                 self.notify("the performer's page is gone")
                 self._lost(client)
 
     async def _welcome(self, client: Client) -> None:
-        """Hear who a browser is, and answer with what goes on. Raises _Ended for one that may not take part."""
+        """Answer the `hello` of a browser with the newest messages. Raises _ClientRefused."""
         try:
             hello = _parsed(await asyncio.wait_for(client.socket.recv(), HELLO_S))
         except TimeoutError:
-            raise _Ended(f"the page has not said for {HELLO_S:g} s what it is: load it anew") from None
+            raise _ClientRefused(f"no hello came from the page for {HELLO_S:g} s: load it anew") from None
         client.identity, given = str(hello.get("id", ""))[:64], str(hello.get("input"))
         inputs = ("camera", "headset", "watch") if self.settings.performs else ("watch",)
-        if hello.get("say") != "hello" or given not in inputs or not client.identity:
-            raise _Ended(OTHER_PAGE)
+        if hello["type"] != "hello" or given not in inputs or not client.identity:
+            raise _ClientRefused(OTHER_PAGE)
         if len(self.clients) >= MOST_CLIENTS:
-            raise _Ended(f"more than {MOST_CLIENTS} pages are open: close one")
+            raise _ClientRefused(f"more than {MOST_CLIENTS} pages are open: close one")
         if given != "watch":
             self._admit(client.identity, given)
             client.performs = given
             self.notify(f"a performer is here, with a {given}")
         settings = self.settings
         welcome = {
-            "hear": "welcome",
-            "robot": robot_words(settings.robot),
+            "type": "welcome",
+            "robot": robot_name(settings.robot),
             "performs": settings.performs,
             "runtime": runtime_folder() is not None,
             "dead_man": settings.dead_man,
             "stick": settings.stick,
         }
         self.clients[client] = None
-        for text in (json.dumps(welcome), *self.said.values()):
+        for text in (json.dumps(welcome), *self.newest.values()):
             await client.socket.send(text)
 
     def _admit(self, identity: str, given: str) -> None:
-        """Raise _Ended while another performer is here, and for another one, or another input, than was measured. A
-        page of the same identity, loaded anew or doubled, takes the place of the older one."""
+        """Raise _ClientRefused if another performer is here, or another performer or input was measured. A page of the
+        same identity, reloaded or duplicated, replaces the older one."""
         if any(one.performs and one.identity != identity for one in self.clients):
-            raise _Ended("another performer is here: one at a time. This page can look after the robot instead")
+            raise _ClientRefused("another performer is here: one at a time. This page can look after the robot instead")
         if self._measured not in (None, (identity, given)):
-            raise _Ended("the robot follows who was measured, by the same input: end the run, and start it anew")
+            raise _ClientRefused(
+                "the robot follows who was measured, by the same input: end the run, and start it anew"
+            )
         for older in [one for one in self.clients if one.performs]:
             older.performs = ""
-            _send(older, json.dumps({"hear": "refused", "why": "this page was opened once more, and performs there"}))
+            _send(older, json.dumps({"type": "refused", "why": "this page was opened once more, and performs there"}))
         self._latest = identity, given
         self._known.setdefault(identity, len(self._known) + 1)
 
     def _lost(self, client: Client) -> None:
-        """A performer is gone, or sends nothing any more: the robot holds already, and goes on when asked to. In a
-        headset, it goes on when the grip is taken anew."""
+        """Pause the robot, since no frames come. A headset with a grip needs no pause: the robot holds until it is
+        gripped again."""
         client.sent = np.inf
         if self._measured is not None and not (client.performs == "headset" and client.identity in self._holds):
             self._pause(LOST)
 
     def _take(self, client: Client, message: str | bytes) -> None:
-        """One message of a browser. Raises _Ended for one that floods, or says what no page of ours says."""
+        """Handle one message. Raises _ClientRefused for a browser that floods, or sends an unknown message."""
         now = self.clock.now()
         client.room = min(client.room + (now - client.since) * MOST_PER_S, BURST) - 1.0
         client.since = now
         if client.room < 0.0:
-            raise _Ended(f"the page sends more than {MOST_PER_S:g} messages a second")
-        if isinstance(message, str) and not message.startswith('{"say"'):
-            self._forward(client, message.encode(), now)
+            raise _ClientRefused(f"the page sends more than {MOST_PER_S:g} messages a second")
+        if isinstance(message, str) and not message.startswith('{"type"'):
+            frame = message.encode()
+            if client.performs and self.poses is not None and len(frame) <= MAX_DATAGRAM:
+                client.sent = now
+                with suppress(OSError):  # a run that takes no frame now gets a newer one
+                    self.poses.send(HEADER.pack(now, self._known[client.identity]) + frame)
             return
-        said = _parsed(message)
-        say, settings = str(said["say"]), self.settings
-        may = settings.stick if say == "stick" else settings.performs or say in LOOKING_ON
-        act = _SAYINGS.get(say) if may else None
-        if act is None:
-            raise _Ended(OTHER_PAGE)
-        act(self, client, said)
+        content = _parsed(message)
+        kind, settings = str(content["type"]), self.settings
+        allowed = settings.stick if kind == "stick" else settings.performs or kind in SPECTATOR_TYPES
+        handle = _HANDLERS.get(kind) if allowed else None
+        if handle is None:
+            raise _ClientRefused(OTHER_PAGE)
+        handle(self, client, content)
 
-    def _forward(self, client: Client, frame: bytes, now: float) -> None:
-        """Poses to the run; where it takes none, it waits for newer ones."""
-        if client.performs and self.poses is not None and len(frame) <= MAX_DATAGRAM:
-            client.sent = now
-            with suppress(OSError):
-                self.poses.send(HEADER.pack(now, self._known[client.identity]) + frame)
-
-    def stop(self, client: Client, said: dict[str, Any]) -> None:
-        """STOP was pressed: it is sent to the run again and again, and every page hears that it is."""
+    def stop(self, client: Client, content: dict[str, Any]) -> None:
+        """Send STOP to the run until it ends, and confirm it to every page."""
         self._stop = True
         self._send_stop()
         self._send_all("stop", {})
@@ -261,48 +256,51 @@ class PageServer:
             with suppress(OSError):
                 self.feed.send(STOP)
 
-    def pause(self, client: Client, said: dict[str, Any]) -> None:
-        """A page pauses the robot, or lets it go on."""
-        self._pause(ASKED if said["say"] == "pause" else "")
+    def pause(self, client: Client, content: dict[str, Any]) -> None:
+        """Pause the robot, or let it go on."""
+        self._pause(PAGE_PAUSE if content["type"] == "pause" else "")
 
     def _pause(self, why: str) -> None:
-        self._word(PAUSE if why else GO_ON)
+        self._send_run(PAUSE if why else GO_ON)
         self._send_all("paused", {"why": why})
 
-    def hold(self, client: Client, said: dict[str, Any]) -> None:
-        """A dead-man control is held, or let go: from now on the robot needs it, and every other one that is in use."""
+    def hold(self, client: Client, content: dict[str, Any]) -> None:
+        """Relay the state of a dead-man control. From its first use on, the robot moves only while all of them are
+        held."""
         if client.identity not in self._holds and len(self._holds) >= MOST_HOLDS:
-            raise _Ended(f"more than {MOST_HOLDS} pages have used a dead-man control: end the run, and start it anew")
+            raise _ClientRefused(
+                f"more than {MOST_HOLDS} pages have used a dead-man control: end the run, and start it anew"
+            )
         number = self._holds.setdefault(client.identity, len(self._holds))
-        self._word(f"{GRIP if said.get('held') is True else RELEASE}{number}")
+        self._send_run(f"{GRIP if content.get('held') is True else RELEASE}{number}")
 
-    def steer(self, client: Client, said: dict[str, Any]) -> None:
-        """A pad is held, or let go: how fast the robot is to walk. One page at a time steers, until it lets go."""
-        shares = [said.get(name) for name in ("forward", "left", "turn")]
+    def steer(self, client: Client, content: dict[str, Any]) -> None:
+        """Relay the walking speed that a pad requests. One page at a time steers, until it lets go."""
+        shares = [content.get(name) for name in ("forward", "left", "turn")]
         if not all(type(one) in (int, float) and abs(one) <= 1.0 for one in shares):  # type: ignore[arg-type]
-            raise _Ended(OTHER_PAGE)
+            raise _ClientRefused(OTHER_PAGE)
         steers, until = self._steers
         if steers is not client and self.clock.now() < until:
             return
         self._steers = client, self.clock.now() + STEERS_S if any(shares) else -np.inf
-        self._word(STICK + " ".join(f"{one:.3f}" for one in shares))
+        self._send_run(STICK + " ".join(f"{one:.3f}" for one in shares))
 
-    def pong(self, client: Client, said: dict[str, Any]) -> None:
-        """Answer at once: the page measures the way there and back."""
-        _send(client, json.dumps({"hear": "pong", "t": said.get("t")}))
+    def pong(self, client: Client, content: dict[str, Any]) -> None:
+        """Answer at once, so that the page can measure the round trip."""
+        _send(client, json.dumps({"type": "pong", "t": content.get("t")}))
 
-    def health(self, client: Client, said: dict[str, Any]) -> None:
-        """A new trouble of a page goes into the terminal, and what a performer's page says of itself to the run."""
-        if (trouble := _plain(said.get("trouble"))) and isinstance(trouble, str):
+    def health(self, client: Client, content: dict[str, Any]) -> None:
+        """Show a new trouble of a page in the terminal, and relay the health of a performer's page to the run."""
+        if (trouble := _plain(content.get("trouble"))) and isinstance(trouble, str):
             self.notify(f"the page: {trouble}")
         if not client.performs:
             return
-        health = {key: value for key in HEALTH_KEYS if (value := _plain(said.get(key))) is not None}
-        self._word(HEALTH + json.dumps(health))
+        health = {key: value for key in HEALTH_KEYS if (value := _plain(content.get(key))) is not None}
+        self._send_run(HEALTH + json.dumps(health))
         self._round_trip_ms = float(health.get("rtt_ms") or 0.0)
 
     async def beat(self) -> None:
-        """Repeat that a STOP is asked for, and look for a performer who is lost, until the run has ended."""
+        """Repeat a STOP, and detect a lost performer, until the run has ended."""
         while not self.ended.is_set():
             self._send_stop()
             for client in self.clients:
@@ -311,26 +309,26 @@ class PageServer:
             await asyncio.sleep(HEARTBEAT_S)
 
     def notify(self, text: str) -> None:
-        """Say a sentence in the terminal of the run, the same one seldom."""
+        """Show a sentence in the terminal of the run, the same one at most every REPORTED_AGAIN_S."""
         now = self.clock.now()
         if now - self._reported.get(text, -np.inf) > REPORTED_AGAIN_S:
             self._reported = {**self._reported, text: now} if len(self._reported) < MOST_REPORTED else {text: now}
-            self._word(f"{NOTE}{text}")
+            self._send_run(f"{NOTE}{text}")
 
-    def _word(self, word: str) -> None:
+    def _send_run(self, message: str) -> None:
         with suppress(OSError):
-            self.feed.send(word.encode())
+            self.feed.send(message.encode())
 
     # The run.
 
-    def hear_run(self) -> None:
-        """Pass on what the run has said since the last call."""
+    def receive_run(self) -> None:
+        """Handle all messages of the run since the last call."""
         while True:
             try:
                 message = self.feed.recv(BUFFER_BYTES)
             except BlockingIOError:
                 return
-            except ConnectionResetError:  # the run has ended without reading all; what it said comes next (unix(7))
+            except ConnectionResetError:  # the run ended without reading all; its last messages come next (unix(7))
                 continue
             if not message:
                 asyncio.get_running_loop().remove_reader(self.feed)
@@ -338,19 +336,19 @@ class PageServer:
                 return
             self._pass_on(unpacked(message))
 
-    def _pass_on(self, said: PageSetup | RunTable | Note | str) -> None:
-        if isinstance(said, str):
-            self._send_all("state", {"state": said})
-        elif isinstance(said, Note):
-            self._send_all("note", {"text": said.note})
-        elif isinstance(said, PageSetup):
-            self._begin(said)
+    def _pass_on(self, message: PageSetup | RunTable | Note | str) -> None:
+        if isinstance(message, str):
+            self._send_all("state", {"state": message})
+        elif isinstance(message, Note):
+            self._send_all("note", {"text": message.note})
+        elif isinstance(message, PageSetup):
+            self._begin(message)
         elif self.clients:
-            self._show(said)
-        self._last = said if isinstance(said, RunTable) else self._last
+            self._show(message)
+        self._last = message if isinstance(message, RunTable) else self._last
 
     def _begin(self, setup: PageSetup) -> None:
-        """Load what is seen, whole before the run goes on: this work would slow it."""
+        """Load the bodies before the run goes on, since this work would slow it."""
         try:
             self._cast = cast_of(setup)
             self._measured = self._latest
@@ -361,15 +359,15 @@ class PageServer:
         self.feed.send(READY)
 
     def _show(self, row: RunTable) -> None:
-        """A tick: its state in words, with the tracks of what is drawn."""
+        """Send the state of a tick in words, with the tracks that are drawn."""
         cast = self._cast
-        assert cast is not None, "a run says first who is seen"
+        assert cast is not None, "a run sends its PageSetup first"
         tracks = live_tracks(cast, row)
-        state = {"hear": "state", **self._state(cast, row), "tracks": {name: one.size for name, one in tracks.items()}}
+        state = {"type": "state", **self._state(cast, row), "tracks": {name: one.size for name, one in tracks.items()}}
         self._send_to_all("state", packed_state(state, tracks.values()))
 
     def _state(self, cast: Cast, row: RunTable) -> dict[str, Any]:
-        """What the page says of a tick."""
+        """The state of a tick in words."""
         sensors = dict(zip(cast.sensors, row.sensors, strict=True)) if "sensors" in row else {}
         known = {name: bool(np.isfinite(at).all()) for name, at in sensors.items()}
         state = {"time": round(float(row.time), 3), "state": row.doing, "why": row.reason, "sensors": known}
@@ -378,8 +376,8 @@ class PageServer:
         if "imu_valid" in row and np.isfinite(row.imu_orientation).all():
             up = rotate(conjugate(row.imu_orientation), [0.0, 0.0, 1.0])
             right, forward = np.degrees(np.arctan2([up[1], -up[0]], up[2]))
-            ways = ("back" if forward < 0.0 else "forward", "left" if right < 0.0 else "right")
-            tilted = f"tilted {abs(forward):.0f}° {ways[0]}, {abs(right):.0f}° {ways[1]}"
+            directions = ("back" if forward < 0.0 else "forward", "left" if right < 0.0 else "right")
+            tilted = f"tilted {abs(forward):.0f}° {directions[0]}, {abs(right):.0f}° {directions[1]}"
             state["imu"] = tilted if row.imu_valid else "no IMU"
         return state | {"clipped": [*self._clipped(cast, row)]}
 
@@ -388,10 +386,8 @@ class PageServer:
         if "landmarks_asked" not in row or cast.profile is None or row.doing != STATE_WORDS[RunState.FOLLOW]:
             self._moved.clear()
             return
-        now, reached = (
-            float(row.time),
-            cast.profile.points(row.q[None], cast.profile.landmark_frames(cast.landmarks))[0],
-        )
+        now = float(row.time)
+        reached = cast.profile.points(row.q[None], cast.profile.landmark_frames(cast.landmarks))[0]
         while len(self._moved) > 1 and self._moved[1][0] <= now - SETTLED_S:
             self._moved.popleft()
         self._moved.append((now, reached))
@@ -405,10 +401,10 @@ class PageServer:
                 yield f"{side}{(name[2:] if side else name).replace('_', ' ')} {100 * off:.0f} cm out of reach"
 
     def _send_all(self, kind: str, content: dict[str, Any]) -> None:
-        self._send_to_all(kind, json.dumps({"hear": kind, **content}))
+        self._send_to_all(kind, json.dumps({"type": kind, **content}))
 
     def _send_to_all(self, kind: str, message: str | bytes) -> None:
-        self.said[kind] = message
+        self.newest[kind] = message
         for client in self.clients:
             _send(client, message)
 
@@ -422,21 +418,21 @@ HEALTH_KEYS = (
     *("fps", "infer_ms", "rtt_ms", "send_ms"),
     *("camera", "trouble", "permission", "agent", "secure", "wasm", "hidden"),
 )
-"""What a page says of itself that the run hears."""
+"""Fields of `health` that the run gets."""
 LARGEST = 1e6
-"""Largest number of it."""
+"""Largest number in them."""
 
 
 def _plain(value: object) -> float | str | bool | None:
-    """A number in range, a short printable text or a truth value; None for anything else."""
+    """Return a number in range, a short printable text or a truth value; None for anything else."""
     if isinstance(value, bool):
         return value
     if isinstance(value, str):
-        return value[:MOST_SAID] if value.isprintable() else None
+        return value[:MOST_SHOWN] if value.isprintable() else None
     return float(value) if isinstance(value, int | float) and 0.0 <= value <= LARGEST else None
 
 
-_SAYINGS: dict[str, Callable[[PageServer, Client, dict[str, Any]], None]] = {
+_HANDLERS: dict[str, Callable[[PageServer, Client, dict[str, Any]], None]] = {
     "stop": PageServer.stop,
     "pause": PageServer.pause,
     "go on": PageServer.pause,
@@ -445,13 +441,14 @@ _SAYINGS: dict[str, Callable[[PageServer, Client, dict[str, Any]], None]] = {
     "ping": PageServer.pong,
     "health": PageServer.health,
 }
-"""What a page may say beside poses."""
-LOOKING_ON = ("stop", "ping", "health")
-"""The part of it that a page may say on which people only look on."""
+"""Handlers of messages, by type."""
+SPECTATOR_TYPES = ("stop", "ping", "health")
+"""Messages that are allowed where no page may perform."""
 
 
 def served_file(place: str) -> Path | None:
-    """The file at a place under the key; None where there is none. Names are plain: no folder can be left."""
+    """The file at a place under the key; None if there is none. Only plain names are valid, so no folder can be
+    left."""
     if place in FILES:
         return FILES[place]
     folder, *inner = place.split("/")
@@ -463,40 +460,40 @@ def served_file(place: str) -> Path | None:
 
 
 def _parsed(message: str | bytes) -> dict[str, Any]:
-    """What a page says. Raises _Ended for anything else than an object that says something."""
+    """The content of a message. Raises _ClientRefused for anything but an object with a type."""
     try:
-        said = json.loads(message)
+        content = json.loads(message)
     except (ValueError, RecursionError):
-        said = None
-    if not isinstance(said, dict) or "say" not in said:
-        raise _Ended(OTHER_PAGE)
-    return said
+        content = None
+    if not isinstance(content, dict) or "type" not in content:
+        raise _ClientRefused(OTHER_PAGE)
+    return content
 
 
 def _send(client: Client, message: str | bytes) -> None:
-    """Send without waiting; a browser that does not keep up gets the next one."""
+    """Send without waiting. A browser that does not keep up misses messages."""
     if client.socket.transport.get_write_buffer_size() < SLOW_BYTES:
         broadcast([client.socket], message)
 
 
 def packed_state(state: dict[str, Any], tracks: Iterable[FloatArray]) -> bytes:
-    """A message with numbers: how many bytes of JSON, a multiple of four (32 bits), the JSON, and the tracks that it
-    names, 32-bit floats, all little-endian; NaN: not known."""
+    """Encode a message with its tracks, all little-endian: the size of the JSON as 32 bits, a multiple of four bytes;
+    the JSON; the tracks that it names as 32-bit floats. NaN is unknown."""
     text = json.dumps(state).encode()
     text += b" " * (-len(text) % 4)
     return struct.pack("<I", len(text)) + text + b"".join(one.astype("<f4").tobytes() for one in tracks)
 
 
-def robot_words(robot: str) -> str:
-    """The name of a robot of which the name or the file of its profile is given."""
+def robot_name(robot: str) -> str:
+    """The name of a robot, given by name or by the file of its profile."""
     try:
         return read_profile(robot).name
-    except RetargetError:  # which the run says, or it is a human
+    except RetargetError:  # the run reports it, or it is a human
         return robot
 
 
 def cast_of(setup: PageSetup) -> Cast:
-    """Robot and performer of a run. Raises RetargetError for a robot or scene that cannot be read."""
+    """Load robot and performer of a run. Raises RetargetError for a robot or scene that cannot be read."""
     robot = None if setup.robot is None else load_robot(setup.robot, root=setup.root)
     human = compile_body_text(setup.human_mjcf, source="human of the run", root="free", own=True)
     return Cast(
@@ -512,18 +509,18 @@ def cast_of(setup: PageSetup) -> Cast:
 
 
 NICENESS = 5
-"""Of a page on which people look on: the run comes first, but a press of STOP must not wait behind every process."""
+"""Niceness of a page without performer. The run comes first, but a press of STOP must not wait for every process."""
 
 
 async def _serve(settings: Settings, feed: socket.socket, poses: socket.socket | None) -> None:
-    """Serve until the run ends. Raises ConfigError where no port is free."""
+    """Serve until the run ends. Raises ConfigError if no port is free."""
     server = PageServer(settings, feed, poses, MonotonicClock())
     pages = Pages(served_file, listen=settings.listen, talk=server.talk, notify=server.notify)
     listener = await pages.open(settings.port)
     for link in filter(None, (feed, poses)):
         link.setblocking(False)
     feed.send(READY + f"{pages.access.address} {pages.fingerprint}".strip().encode())
-    asyncio.get_running_loop().add_reader(feed, server.hear_run)
+    asyncio.get_running_loop().add_reader(feed, server.receive_run)
     beating = asyncio.create_task(server.beat())
     await server.ended.wait()
     server.close()

@@ -1,9 +1,8 @@
-"""A small server of pages: who may use it, which files it has, and on which port it is.
+"""A small server of pages, with an access token, files, and WebSockets.
 
-A server on loopback is open to every page that any browser of this machine shows: a script of such a page can connect,
-by address or by a name that it lets resolve to it. So every path begins with a key that cannot be guessed, and every
-request must name this server as its host and, if it has one, as its origin. A cookie would not do: browsers send those
-of one port of this machine to every other, also to that of another user.
+Any page in a browser of this machine can connect to a server on loopback, by address or by a name that resolves to it
+(DNS rebinding). So every path begins with a secret key, and every request must name this server as its host and, if it
+has one, as its origin. A cookie would not do, since browsers send it to all ports of this machine.
 """
 
 import asyncio
@@ -27,27 +26,27 @@ from retarget.errors import ConfigError
 from retarget.live.address import EVERYWHERE, local_interfaces
 from retarget.sources.streams.stream_frame import MAX_DATAGRAM
 
-# Who may use it: a browser that was given the whole address, from the page itself.
+# Access.
 
 KEY_BYTES = 24
-"""Random bytes of the key of a page: 192 bits cannot be guessed."""
+"""Random bytes of a key: 192 bits cannot be guessed."""
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
 
 Header = Callable[[str], str | None]
-"""The value of a header, None where there is none."""
+"""Return the value of a header, None if there is none."""
 
 
 @dataclass(frozen=True)
 class Refused:
-    """A request that is not answered. status: of HTTP; why: in words."""
+    """The refusal of a request. status: of HTTP; why: in words."""
 
     status: HTTPStatus
     why: str
 
 
 class AccessToken:
-    """Guards one page. port: where it is served, known once the server has it; key: None draws one. hosts: names and
-    addresses of this server, the first of which is told; scheme: http or https."""
+    """Guards one page. port: of the server, set once it is known. key: None draws one. hosts: names and addresses of
+    this server, the first of which stands in `address`."""
 
     def __init__(
         self,
@@ -63,14 +62,11 @@ class AccessToken:
 
     @property
     def address(self) -> str:
-        """What to open in a browser."""
+        """The address for a browser."""
         return f"{self._scheme}://{self._hosts[0]}:{self.port}/{self._key}/"
 
     def judge(self, path: str, header: Header) -> str | Refused:
-        """The path without the key (it begins with a slash) of a request that may be answered; else why not.
-
-        path: as requested; header: those of the request.
-        """
+        """Return the path without the key, with a leading slash, or the refusal. path, header: of the request."""
         hosts = [f"{host}:{self.port}" for host in self._hosts]
         if header("Host") not in hosts:
             return Refused(HTTPStatus.FORBIDDEN, "this page has another address")
@@ -86,18 +82,18 @@ class AccessToken:
 
 
 def only_value(values: list[str]) -> str | None:
-    """The one value of a header; of several, one that no check passes."""
+    """Return the one value of a header. Several values become one that fails every check."""
     return values[0] if len(values) == 1 else None if not values else "\0several"
 
 
-# Files, and the policy that browsers are given with each.
+# Files, each with its policy for browsers.
 
 POLICY = (
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self' blob:; connect-src 'self'; "
     "img-src 'self' data: blob:; style-src 'self'; media-src 'self' blob:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-"""Content security policy: the page loads from this server and talks to it, and to no other."""
+"""Content security policy: the page loads from this server and connects to it, and to no other."""
 HEADERS = {
     "Content-Security-Policy": POLICY,
     "Permissions-Policy": "camera=(self), xr-spatial-tracking=(self), microphone=(), geolocation=()",
@@ -107,16 +103,16 @@ HEADERS = {
 }
 TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "application/wasm", ".svg": "image/svg+xml"}
 SOCKET = "ws"
-"""The place under the key at which a page opens its WebSocket."""
+"""The place of the WebSocket under the key."""
 NEXT_PORTS = 20
-"""Ports that are tried one after the other from the one that is asked for."""
+"""Number of ports that are tried, from the requested one on."""
 
 FileOf = Callable[[str], Path | bytes | None]
-"""The file at a place under the key; None where there is none."""
+"""Return the file at a place under the key, None if there is none."""
 
 
 def file_response(name: str, body: bytes) -> Response:
-    """The answer to a request for a file."""
+    """Answer a request for a file."""
     kind = TYPES.get(Path(name).suffix) or mimetypes.guess_type(name)[0] or "application/octet-stream"
     return Response(
         HTTPStatus.OK, "OK", Headers({"Content-Type": kind, "Content-Length": str(len(body)), **HEADERS}), body
@@ -124,9 +120,9 @@ def file_response(name: str, body: bytes) -> Response:
 
 
 class Pages:
-    """Serves files to who has the key. listen: on every interface, with HTTPS, and not on this machine alone. talk:
-    serves a WebSocket until it returns, None: there is none. notify: receives what was refused. Its address is known
-    once it is open."""
+    """Serves files to browsers that have the key. listen: serve on every interface, with HTTPS. talk: serves a
+    WebSocket until it returns; None refuses WebSockets. notify: receives refusals. The address is known once it is
+    open."""
 
     def __init__(
         self,
@@ -140,11 +136,11 @@ class Pages:
         self._hosts = tuple(dict.fromkeys(sorted(hosts, key=HOSTS.__contains__)))
         self.access = AccessToken(hosts=self._hosts, scheme="https" if listen else "http")
         self.fingerprint = ""
-        """Of the certificate; "" without one."""
+        """SHA-256 of the certificate; "" without one."""
         self._file_of, self._listen, self._talk, self._notify = file_of, listen, talk, notify
 
     async def open(self, port: int) -> Server:
-        """Serve on a port, or the next one that is free; 0: any. Raises ConfigError where none is."""
+        """Serve on a port, or the next one that is free; 0 for any. Raises ConfigError if none is."""
         context = None
         if self._listen:
             context, self.fingerprint = certified(self._hosts)
@@ -171,7 +167,7 @@ class Pages:
         raise ConfigError("the page cannot be served", where=f"port {port}", found=str(refused))
 
     async def answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The file that a request asks for, a refusal, or None for a WebSocket that may open."""
+        """Answer a request with a file or a refusal. None opens a WebSocket."""
         judged = self.access.judge(request.path, lambda name: only_value(request.headers.get_all(name)))
         if isinstance(judged, Refused):
             self._notify(f"a page was refused: {judged.why}")
@@ -194,29 +190,25 @@ async def _hang_up(connection: ServerConnection) -> None:
 def serve_files(
     files: Mapping[str, bytes], port: int, *, opened: Callable[[str], object], over: Callable[[], bool]
 ) -> None:
-    """Serve files by their places, "" for the page, until it is over. opened: receives the address. Raises ConfigError
-    where no port is free."""
+    """Serve files by their places, "" for the page, until `over` returns True. opened: receives the address. Raises
+    ConfigError if no port is free."""
 
     async def served() -> None:
         pages = Pages(files.get)
         async with await pages.open(port):
             opened(pages.access.address)
             while not over():
-                await asyncio.sleep(LOOK_S)
+                await asyncio.sleep(0.1)
 
     asyncio.run(served())
-
-
-LOOK_S = 0.1
-"""How often it is asked whether it is over, s."""
 
 
 # HTTPS: without it, browsers give camera and headset to localhost alone.
 
 
 def certified(hosts: Sequence[str]) -> tuple[ssl.SSLContext, str]:
-    """A server's side of TLS for these names and IPv4 addresses, and the SHA-256 fingerprint of its certificate as
-    browsers show it. No authority vouches for it: who opens the page compares the fingerprint."""
+    """Return a TLS context for these names and IPv4 addresses, and the SHA-256 fingerprint of its certificate as
+    browsers show it. No authority vouches for it, so the user compares the fingerprint."""
     import trustme
 
     names = [host for host in hosts if ":" not in host]
@@ -231,4 +223,4 @@ def certified(hosts: Sequence[str]) -> tuple[ssl.SSLContext, str]:
 _SILENT = logging.getLogger(__name__)
 _SILENT.addHandler(logging.NullHandler())
 _SILENT.propagate = False
-"""For connections that break off: browsers come and go, and what matters is said in the terminal of the run."""
+"""Discards errors of connections that break off. The terminal of the run shows what matters."""

@@ -1,4 +1,4 @@
-"""What pages show of a run: the cast, which stays the same, and tracks, with a row for each tick."""
+"""The content of pages: the cast of a run, which stays the same, and tracks with a row for each tick."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,12 +20,9 @@ from retarget.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Cast:
-    """Who and what is seen. robot: None for a human alone. joints: n that a plot can show, landmarks (k) of the robot
-    and sensors (s) of the performer: names.
-
-    profile: of the robot, where it is known: its soles, observers and servos. obstacles: of the scene.
-    servos_measure: rows hold temperatures and currents of the servos.
-    """
+    """The bodies of a run. robot: None for a human alone. profile: None if it is unknown, without which soles and
+    observers are not shown. joints (n), landmarks (k) of the robot, sensors (s) of the performer: names.
+    servos_measure: rows have temperatures and currents of the servos."""
 
     human: SolidBody
     robot: SolidBody | None = None
@@ -38,7 +35,7 @@ class Cast:
 
     @cached_property
     def columns(self) -> IntArray:
-        """Where a posture of the robot holds `joints`, (n,)."""
+        """Columns of `joints` in a posture of the robot, (n,)."""
         if self.robot is None:
             return np.zeros(0, dtype=np.int64)
         body = self.robot.body
@@ -46,19 +43,19 @@ class Cast:
 
     @cached_property
     def observers(self) -> Observers | None:
-        """Those of the robot; None where its profile is not known."""
+        """Observers of the robot; None if its profile is unknown."""
         return None if self.profile is None else robot_observers(self.profile)
 
     @cached_property
     def observer_meshes(self) -> list[Mesh]:
-        """The shapes of the observers."""
+        """Shapes of the observers."""
         known = self.observers
         if known is None:
             return []
         return [shape_mesh(kind, size) for kind, size in zip(known.kinds.tolist(), known.sizes, strict=True)]
 
     def as_json(self) -> dict[str, Any]:
-        """The message `scene` to a page while a run goes on: its figures, see `figure.js`, and its joints."""
+        """The message `scene` of a live page: its figures, see `figure.js`, and its joints."""
         profile = self.profile
         last: dict[str, Any] = {"layers": []}
         if self.obstacles:
@@ -69,7 +66,7 @@ class Cast:
         stands = profile is not None and profile.stands
         sizes = [len(foot.polygon) for foot in profile.profile.feet.values()] if profile and stands else None
         robot = last | {"body": self.robot.as_json(), "sizes": sizes}
-        robot["layers"] = ["asked", "goal", *(["pass"] if stands else []), *last["layers"]]
+        robot["layers"] = ["desired", "goal", *(["pass"] if stands else []), *last["layers"]]
         if self.observers is not None:
             robot["observers"] = shapes_json(self.observer_meshes, OBSERVER)
             robot["layers"].append("observers")
@@ -77,14 +74,14 @@ class Cast:
 
 
 def simulated(rows: RunTable) -> BoolArray:
-    """The rows (T,) in which the state of a simulated body is known."""
+    """True for the rows (T,) with the state of a simulated body."""
     if "truth" not in rows:
         return np.zeros(len(rows), dtype=bool)
     return np.asarray(np.isfinite(rows.truth[:, :-PRESSURE]).all(axis=1))
 
 
 def moved(cast: Cast, rows: RunTable) -> FloatArray:
-    """Postures (T, nq) of the robot as its physics has it, else as it was sent."""
+    """Postures (T, nq) of the robot: simulated if known, else as sent."""
     assert cast.robot is not None
     q = rows.q.copy()
     for row in np.flatnonzero(simulated(rows)).tolist():
@@ -93,7 +90,7 @@ def moved(cast: Cast, rows: RunTable) -> FloatArray:
 
 
 def present(cast: Cast, rows: RunTable, q: FloatArray) -> FloatArray:
-    """The same postures with the servos where they report to be, but for those of a physics."""
+    """Postures (T, nq) with the measured positions of the servos, except in simulated rows."""
     if "present" not in rows:
         return q
     there = q.copy()
@@ -102,13 +99,12 @@ def present(cast: Cast, rows: RunTable, q: FloatArray) -> FloatArray:
 
 
 def standing(cast: Cast, q: FloatArray) -> Standing | None:
-    """Soles and centre of mass in postures (T, nq); None of a robot without soles."""
+    """Soles and centre of mass in postures (T, nq); None for a robot without soles."""
     return standing_of(cast.profile, q) if cast.profile is not None and cast.profile.stands else None
 
 
 def observers_at(cast: Cast, rows: RunTable) -> tuple[FloatArray, FloatArray]:
-    """Where the robot's observers are, (T, o, 7), NaN: it does not act; and the nearest points (T, 2, 3) m of the two
-    links that are nearest to each other, of the pairs in which one acts."""
+    """Poses (T, o, 7) of the observers, NaN for one that does not act, and `nearest_points` (T, 2, 3), m."""
     known = cast.observers
     assert known is not None and cast.robot is not None
     found, near = np.full((len(rows), len(known.names), 7), np.nan), np.full((len(rows), 2, 3), np.nan)
@@ -126,8 +122,8 @@ def observers_at(cast: Cast, rows: RunTable) -> tuple[FloatArray, FloatArray]:
 
 
 def nearest_points(known: Observers, acts: BoolArray, places: FloatArray, turns: FloatArray) -> FloatArray:
-    """The nearest points (2, 3) m of the pair of observers at places (o, 3) m and turns (o, 4) wxyz that is nearest to
-    each other, of those in which one acts (o,); NaN where none is within reach of the other."""
+    """Nearest points (2, 3), m, of the nearest pair of observers in which one acts (o,); NaN if no pair is within its
+    influence distance. places (o, 3), m; turns (o, 4), wxyz."""
     pairs = known.pairs[acts[known.pairs].any(axis=1)]
     a, b = (np.ascontiguousarray(column) for column in pairs.T)
     sides = ((known.kinds[one], known.sizes[one], places[one], turns[one]) for one in (a, b))
@@ -139,8 +135,7 @@ def nearest_points(known: Observers, acts: BoolArray, places: FloatArray, turns:
 
 
 def joint_tracks(cast: Cast, rows: RunTable) -> dict[str, FloatArray]:
-    """Of the joints, (T, n) each, NaN where not known: goal and servo, degrees; temperature, degrees Celsius; current,
-    A."""
+    """Tracks (T, n) of the joints, NaN if unknown: goal, servo, degrees; temperature, degrees Celsius; current, A."""
     unknown = np.full((len(rows), len(cast.joints)), np.nan)
     known = {name: rows.known.get(name, unknown) for name in ("present", "temperature", "current")}
     tracks = {"goal": np.degrees(rows.q[:, cast.columns]), "servo": np.degrees(known["present"])}
@@ -148,7 +143,7 @@ def joint_tracks(cast: Cast, rows: RunTable) -> dict[str, FloatArray]:
 
 
 def view_of(solid: SolidBody, poses: FloatArray) -> FloatArray:
-    """What a view of a body at poses (1, k, 7) shows, (4,) m: its middle on the floor, how high and far it reaches."""
+    """View (4,), m, of a body at poses (1, k, 7): its middle on the floor (2), its height and its reach."""
     reach = np.zeros(len(solid.links))
     np.maximum.at(reach, solid.owners, [np.linalg.norm(mesh.vertices, axis=1).max() for mesh in solid.meshes])
     middle = poses[0, :, :2].mean(axis=0)
@@ -157,7 +152,7 @@ def view_of(solid: SolidBody, poses: FloatArray) -> FloatArray:
 
 
 def live_tracks(cast: Cast, row: RunTable) -> dict[str, FloatArray]:
-    """What a page draws of a single row, by figure and part, as `figure.js` and `plot.js` have it."""
+    """Tracks of one row, by figure and part, for `figure.js` and `plot.js`."""
     rows = row.each(lambda value: np.asarray(value)[None])
     poses = cast.human.poses(rows.human_q)
     found = {"human.poses": poses, "human.view": view_of(cast.human, poses)}

@@ -28,7 +28,7 @@ class FakeFeed:
     def begin(self, setup: PageSetup, *, rate_hz: float) -> None:
         self.setup = setup
 
-    def stop_asked(self) -> bool:
+    def stop_requested(self) -> bool:
         return self.pressed
 
     def on_row(self, record: object, row: int) -> None:

@@ -130,7 +130,7 @@ def test_a_recording_is_drawn_and_played(browser: Any, tmp_path: Path) -> None:
             assert seconds(page) == still
             assert plotted(page) > 500
             page.select_option("#joint select >> nth=0", label="l_knee")
-            page.locator("#layers label", has_text="asked").locator("input").uncheck()
+            page.locator("#layers label", has_text="desired").locator("input").uncheck()
             assert page.eval_on_selector_all("#speed option", "all => all.map((one) => one.value)") == [
                 *("0.1", "0.25", "0.5", "1", "2", "4")
             ]

@@ -28,7 +28,7 @@ class Page:
     @contextmanager
     def _opened(self, *_: object, **__: object) -> Iterator[tuple[Mock, FakeSender]]:
         self.opened += 1
-        yield Mock(note=self._note, words=list, stop_asked=self._is_tired), self.sender
+        yield Mock(note=self._note, messages=list, stop_requested=self._is_tired), self.sender
 
     def _note(self, text: str) -> None:
         self.notes.append(text)

@@ -112,8 +112,8 @@ def test_a_run_of_one_tick_has_no_pictures(human_run: RunResult) -> None:
 def test_tracking_shows_what_was_sent_and_where_the_servos_stood(run: RunResult) -> None:
     figure, unanswered = plot_tracking(run), plot_tracking(replace(run, setup=replace(run.setup, has_bus=False)))
     assert figure is not None and unanswered is not None
-    assert [line.get_label() for line in figure.axes[0].lines] == ["asked", "sent", "servos"]
-    assert [line.get_label() for line in unanswered.axes[0].lines] == ["asked", "sent"]
+    assert [line.get_label() for line in figure.axes[0].lines] == ["desired", "sent", "servos"]
+    assert [line.get_label() for line in unanswered.axes[0].lines] == ["desired", "sent"]
     sent, servos = (line.get_ydata() for line in figure.axes[0].lines[1:])
     assert np.shape(sent) == np.shape(servos) and np.isfinite(np.asarray(servos, dtype=float)).all()
 

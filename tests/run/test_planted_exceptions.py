@@ -109,7 +109,7 @@ class Page:
 
     pressed = False
 
-    def stop_asked(self) -> bool:
+    def stop_requested(self) -> bool:
         pressed, self.pressed = self.pressed, False
         return pressed
 

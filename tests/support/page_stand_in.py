@@ -70,7 +70,7 @@ class StandIn:
         asyncio.run_coroutine_threadsafe(self._broadcast(message), self._loop).result(5)
 
     def note(self, text: str) -> None:
-        self.say({"hear": "note", "text": text})
+        self.say({"type": "note", "text": text})
 
     def drop(self) -> None:
         """Lose every connection, as a network does."""
@@ -79,7 +79,7 @@ class StandIn:
 
     def messages(self, kind: str, since: float = 0.0) -> list[Said]:
         """What was said: "frame" for poses, else the word of `say`."""
-        return [said for said in list(self.said) if said.at >= since and said.message.get("say", "frame") == kind]
+        return [said for said in list(self.said) if said.at >= since and said.message.get("type", "frame") == kind]
 
     def wait(self, condition: Callable[[], Any], within: float = 10.0) -> Any:
         """The first true value of the condition. Raises AssertionError after `within`, s."""
@@ -120,18 +120,18 @@ class StandIn:
             async for text in connection:
                 message = json.loads(text)
                 self.said.append(Said(time.monotonic(), number, message))
-                if message.get("say") == "hello":
+                if message.get("type") == "hello":
                     if why := self.refused.get(message["input"]):
-                        await connection.send(json.dumps({"hear": "refused", "why": why}))
+                        await connection.send(json.dumps({"type": "refused", "why": why}))
                         return
                     await self._begin(connection)
                     news = asyncio.create_task(self._tell(connection))
-                elif message.get("say") in ("pause", "go on"):
-                    await self._broadcast({"hear": "paused", "why": "why not" if message["say"] == "pause" else ""})
-                elif message.get("say") == "stop":
-                    await connection.send(json.dumps({"hear": "stop"}))
-                elif message.get("say") == "ping":
-                    await connection.send(json.dumps({"hear": "pong", "t": message["t"]}))
+                elif message.get("type") in ("pause", "go on"):
+                    await self._broadcast({"type": "paused", "why": "why not" if message["type"] == "pause" else ""})
+                elif message.get("type") == "stop":
+                    await connection.send(json.dumps({"type": "stop"}))
+                elif message.get("type") == "ping":
+                    await connection.send(json.dumps({"type": "pong", "t": message["t"]}))
         finally:
             if news:
                 news.cancel()
@@ -139,15 +139,15 @@ class StandIn:
     async def _begin(self, connection: ServerConnection) -> None:
         known = {"robot": "op3", "performs": True, "dead_man": False, "stick": False}
         runtime = self.runtime or "runtime/vision_bundle.mjs" in self.files
-        await connection.send(json.dumps({"hear": "welcome", "runtime": runtime} | known | self.welcome))
+        await connection.send(json.dumps({"type": "welcome", "runtime": runtime} | known | self.welcome))
         if self.scene:
-            await connection.send(json.dumps({"hear": "scene"} | self.scene))
+            await connection.send(json.dumps({"type": "scene"} | self.scene))
 
     async def _tell(self, connection: ServerConnection) -> None:
         with suppress(ConnectionClosed):
             while True:
                 sizes = {name: one.size for name, one in self.tracks.items()}
-                state = {"hear": "state", "time": time.monotonic(), "tracks": sizes} | self.state
+                state = {"type": "state", "time": time.monotonic(), "tracks": sizes} | self.state
                 await connection.send(packed_state(state, self.tracks.values()))
                 await asyncio.sleep(1 / STATE_HZ)
 

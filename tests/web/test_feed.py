@@ -98,7 +98,7 @@ def test_a_page_that_takes_nothing_costs_nothing() -> None:
     assert run.dropped > 4000
     page.close()
     run.on_row(whole, 0)
-    assert not run.stop_asked(), "a page that is gone does not stop the robot"
+    assert not run.stop_requested(), "a page that is gone does not stop the robot"
 
 
 @pytest.mark.long
@@ -112,12 +112,12 @@ def test_a_page_that_hangs_is_ended_with_the_run(monkeypatch: pytest.MonkeyPatch
 
 def test_it_can_only_stop_and_stays_so() -> None:
     run, page = feed()
-    assert not run.stop_asked()
+    assert not run.stop_requested()
     page.send(b"go")
     page.send(b"")
-    assert not run.stop_asked() and not run.stop_asked()
+    assert not run.stop_requested() and not run.stop_requested()
     page.send(STOP)
-    assert run.stop_asked() and run.stop_asked()
+    assert run.stop_requested() and run.stop_requested()
 
 
 def test_what_is_asked_before_the_performer_is_known_is_not_lost() -> None:
@@ -128,7 +128,7 @@ def test_what_is_asked_before_the_performer_is_known_is_not_lost() -> None:
     theirs.send(STOP)
     theirs.send(READY)
     run.begin(setup, rate_hz=25.0)
-    assert run.stop_asked()
+    assert run.stop_requested()
     theirs.close()
     run.announce("nobody reads it")
     with refuses(ConfigError):

@@ -334,7 +334,7 @@ def test_a_lost_performer_sends_no_frames_and_the_pause_is_shown(
         since = two_more_reports(stand_in, **report)
         says(page, words)
         assert not stand_in.messages("frame", since)
-        stand_in.say({"hear": "paused", "why": "the performer was lost"})
+        stand_in.say({"type": "paused", "why": "the performer was lost"})
         says(page, "Go on", where="pause")
         assert not stand_in.messages("go on"), "not by itself"
         page.click("#pause")
@@ -357,7 +357,7 @@ def test_a_lost_socket_is_said_and_opened_again(browser: Any, stand_in: StandIn)
         stand_in.wait(lambda: stand_in.connections > hello.connection + 1)
         again = stand_in.wait(lambda: [s for s in stand_in.messages("frame") if s.connection > hello.connection])[0]
         said = [s.message for s in stand_in.said if s.connection == again.connection]
-    kinds = [message.get("say", "frame") for message in said]
+    kinds = [message.get("type", "frame") for message in said]
     assert said[0] == hello.message, "the same performer"
     assert kinds[1] == "stop", "a stop that was owed comes first"
     assert not kinds.count("go on")
@@ -422,7 +422,7 @@ def test_a_run_with_a_dead_man_has_the_pad_from_the_start(browser: Any, stand_in
 
 def test_pads_ask_for_a_walk_while_a_finger_is_on_one(browser: Any, stand_in: StandIn) -> None:
     def newest() -> dict[str, float]:
-        return {name: share for name, share in stand_in.messages("stick")[-1].message.items() if name != "say"}
+        return {name: share for name, share in stand_in.messages("stick")[-1].message.items() if name != "type"}
 
     stand_in.welcome["stick"] = True
     with opened(browser, stand_in) as page:

@@ -87,7 +87,7 @@ class Page:
         scheme = "wss" if where.scheme == "https" else "ws"
         with client.connect(f"{scheme}://{where.netloc}{where.path}ws", open_timeout=WAIT_S, **how) as socket:
             browser = Browser(socket)
-            browser.say(say="hello", input=kind, id=name)
+            browser.send(type="hello", input=kind, id=name)
             yield browser
 
 
@@ -108,14 +108,14 @@ class Browser:
     def __init__(self, socket: Any) -> None:
         self.socket = socket
 
-    def say(self, **said: Any) -> None:
+    def send(self, **said: Any) -> None:
         self.socket.send(json.dumps(said))
 
-    def hear(self, kind: str) -> dict[str, Any]:
+    def receive(self, kind: str) -> dict[str, Any]:
         """The next message of a kind."""
         while True:
             message = read(self.socket.recv(WAIT_S))
-            if message["hear"] == kind:
+            if message["type"] == kind:
                 return message
 
 
@@ -171,7 +171,7 @@ def test_a_socket_of_another_page_is_refused(shared: Page, origin: str | None) -
 @pytest.mark.long
 def test_poses_go_on_to_the_run_byte_for_byte() -> None:
     with page() as one, one.browser() as anna, one.browser("watch", "olga") as olga:
-        assert anna.hear("welcome")["robot"] == "op3" and olga.hear("welcome")
+        assert anna.receive("welcome")["robot"] == "op3" and olga.receive("welcome")
         olga.socket.send(FRAME)
         before = one.clock.now()
         anna.socket.send(FRAME)
@@ -180,35 +180,35 @@ def test_poses_go_on_to_the_run_byte_for_byte() -> None:
         assert before <= only.arrival <= one.clock.now()
         anna.socket.send("x" * 70_000)  # longer than any frame: the connection ends
         with pytest.raises(Exception, match="1009"):
-            anna.hear("none")
+            anna.receive("none")
 
 
 def test_one_performer_at_a_time_and_the_one_who_was_measured() -> None:
     with page() as one:
         with one.browser(name="anna") as anna:
-            anna.hear("welcome")
+            anna.receive("welcome")
             with one.browser(name="boris") as boris:
-                assert "performer" in boris.hear("refused")["why"]
+                assert "performer" in boris.receive("refused")["why"]
             assert one.told("one at a time")
             with one.browser(name="anna") as again:  # the same page, loaded anew or doubled
-                assert again.hear("welcome") and anna.hear("refused")
+                assert again.receive("welcome") and anna.receive("refused")
                 anna.socket.send(FRAME.replace("1.5", "2.5"))
                 again.socket.send(FRAME)
                 assert [found.payload for found in one.poses()] == [FRAME.encode()]
         one.told("the performer's page is gone")
         with one.browser(name="boris") as boris:
-            boris.hear("welcome")
+            boris.receive("welcome")
             boris.socket.send(FRAME)
             assert one.poses()[0].source == ("127.0.0.1", 2), "another source: the run has its own rule"
             one.feed.begin(PageSetup(None, None, None, human()), rate_hz=100.0)
             with one.browser("watch", "olga") as olga:
-                assert olga.hear("scene")["robot"] is None, "who comes later sees it, too"
+                assert olga.receive("scene")["robot"] is None, "who comes later sees it, too"
         assert set(one.asked()) == {ControlRequest.PAGE_HOLD}, "who is measured has gone: it goes on when asked to"
         for kind, name in (("headset", "anna"), ("camera", "boris")):
             with one.browser(kind, name) as other:
-                assert "measured" in other.hear("refused")["why"]
+                assert "measured" in other.receive("refused")["why"]
         with one.browser(name="boris") as boris:
-            boris.hear("welcome")
+            boris.receive("welcome")
             boris.socket.send(FRAME)
             assert one.poses()[0].source == ("127.0.0.1", 2)
             assert set(one.asked()) == {ControlRequest.PAGE_HOLD}, "nothing else comes"
@@ -216,10 +216,10 @@ def test_one_performer_at_a_time_and_the_one_who_was_measured() -> None:
 
 def test_a_stop_is_sent_until_the_run_ends() -> None:
     with page() as one, one.browser("watch", "olga") as olga:
-        olga.say(say="stop")
-        assert olga.hear("stop")
+        olga.send(type="stop")
+        assert olga.receive("stop")
         for _ in range(3):
-            assert one.until(one.feed.stop_asked)
+            assert one.until(one.feed.stop_requested)
             one.feed._stop = False  # as if the run had not heard it
 
 
@@ -230,38 +230,38 @@ def human() -> str:
 @pytest.mark.long
 def test_what_a_page_asks_for_reaches_the_operator() -> None:
     with page() as one, one.browser("watch", "olga") as olga:
-        olga.say(say="pause")
+        olga.send(type="pause")
         assert one.asked() == [ControlRequest.PAGE_HOLD]
-        olga.say(say="go on")
+        olga.send(type="go on")
         assert one.asked() == [ControlRequest.PAGE_GO_ON]
-        olga.say(say="stop")
-        assert olga.hear("stop"), "it is confirmed"
-        assert one.until(one.feed.stop_asked)
+        olga.send(type="stop")
+        assert olga.receive("stop"), "it is confirmed"
+        assert one.until(one.feed.stop_requested)
         with pytest.raises(KeyboardInterrupt):
             one.control.look()
-        olga.say(say="ping", t=17.5)
-        assert olga.hear("pong")["t"] == 17.5
+        olga.send(type="ping", t=17.5)
+        assert olga.receive("pong")["t"] == 17.5
 
 
 def test_a_dead_man_control_lapses_with_its_page() -> None:
     with page(dead_man=True) as one:
         with one.browser("watch", "olga") as olga:
-            assert olga.hear("welcome")["dead_man"]
-            olga.say(say="held", held=True)
+            assert olga.receive("welcome")["dead_man"]
+            olga.send(type="held", held=True)
             assert one.asked() == [ControlRequest.GRIP]
-            olga.say(say="held", held=False)
+            olga.send(type="held", held=False)
             assert one.asked() == [ControlRequest.RELEASE]
-            olga.say(say="held", held=True)
+            olga.send(type="held", held=True)
             assert one.asked() == [ControlRequest.GRIP]
             assert one.asked() == [ControlRequest.RELEASE], "the page says nothing any more"
-            olga.say(say="held", held=True)
+            olga.send(type="held", held=True)
             assert one.asked() == [ControlRequest.GRIP]
         assert one.asked() == [ControlRequest.RELEASE], "the page is gone"
 
 
 def test_pads_steer_a_run_that_asks_for_them_until_they_are_let_go() -> None:
     with page(performs=False, stick=True) as one, one.browser("watch", "olga") as olga:
-        assert olga.hear("welcome")["stick"]
+        assert olga.receive("welcome")["stick"]
 
         def shares() -> Shares:
             one.control.listen()
@@ -269,12 +269,12 @@ def test_pads_steer_a_run_that_asks_for_them_until_they_are_let_go() -> None:
             return one.control.shares(one.clock.now())
 
         assert shares() == STAND
-        olga.say(say="stick", forward=1, left=-0.25, turn=0.125)
+        olga.send(type="stick", forward=1, left=-0.25, turn=0.125)
         assert one.until(lambda: shares() == (1.0, -0.25, 0.125))
         assert one.until(lambda: shares() == STAND), "the page says nothing any more"
-        olga.say(say="stick", forward=0.5, left=0, turn=0)
+        olga.send(type="stick", forward=0.5, left=0, turn=0)
         assert one.until(lambda: shares() != STAND)
-        olga.say(say="stick", forward=0, left=0, turn=0)
+        olga.send(type="stick", forward=0, left=0, turn=0)
         assert one.until(lambda: shares() == STAND)
 
 
@@ -301,9 +301,9 @@ def test_one_page_at_a_time_steers() -> None:
 @pytest.mark.parametrize("performs", [True, False])
 def test_nobody_steers_a_run_that_does_not_ask_for_it(performs: bool) -> None:
     with page(performs=performs) as one, one.browser("watch", "olga") as olga:
-        assert not olga.hear("welcome")["stick"]
-        olga.say(say="stick", forward=1.0, left=0.0, turn=0.0)
-        shows(olga.hear("refused")["why"])
+        assert not olga.receive("welcome")["stick"]
+        olga.send(type="stick", forward=1.0, left=0.0, turn=0.0)
+        shows(olga.receive("refused")["why"])
         assert one.control.shares(one.clock.now()) == STAND
 
 
@@ -337,7 +337,7 @@ class Words:
     def __init__(self) -> None:
         self.next: list[str] = []
 
-    def words(self) -> list[str]:
+    def messages(self) -> list[str]:
         found, self.next = self.next, []
         return found
 
@@ -366,12 +366,12 @@ def test_all_dead_man_controls_are_held_and_lapse_where_the_server_hangs() -> No
     "messages",
     [
         ["no JSON"],
-        ['{"say": "hello", "input": "robot", "id": "x"}'],
-        ['{"say": "hello", "input": "camera"}'],
+        ['{"type": "hello", "input": "robot", "id": "x"}'],
+        ['{"type": "hello", "input": "camera"}'],
         ["[" * 10_000],
-        ['{"say": "hello", "input": "camera", "id": "x"}', '{"say": "torque"}'],
-        ['{"say": "hello", "input": "camera", "id": "x"}', '{"say"'],
-        ['{"say": "hello", "input": "camera", "id": "x"}', b"\x00\x01"],
+        ['{"type": "hello", "input": "camera", "id": "x"}', '{"type": "torque"}'],
+        ['{"type": "hello", "input": "camera", "id": "x"}', '{"type"'],
+        ['{"type": "hello", "input": "camera", "id": "x"}', b"\x00\x01"],
     ],
 )
 def test_what_no_page_of_ours_says_is_refused(shared: Page, messages: list[str | bytes]) -> None:
@@ -379,14 +379,14 @@ def test_what_no_page_of_ours_says_is_refused(shared: Page, messages: list[str |
     with client.connect(f"ws://{where.netloc}{where.path}ws", origin=f"http://{where.netloc}") as socket:
         for message in messages:
             socket.send(message)
-        assert "anew" in Browser(socket).hear("refused")["why"]
+        assert "anew" in Browser(socket).receive("refused")["why"]
 
 
 @pytest.mark.long
 def test_a_page_that_does_not_say_what_it_is_is_sent_away(shared: Page) -> None:
     where = urlsplit(shared.address)
     with client.connect(f"ws://{where.netloc}{where.path}ws", origin=f"http://{where.netloc}") as socket:
-        why = Browser(socket).hear("refused")["why"]
+        why = Browser(socket).receive("refused")["why"]
     assert shared.told(f"a page was sent away: {why}")
 
 
@@ -394,23 +394,23 @@ def test_a_page_that_does_not_say_what_it_is_is_sent_away(shared: Page) -> None:
 def test_a_flood_is_sent_away_and_the_run_goes_on() -> None:
     with page() as one:
         with one.browser() as anna:
-            anna.hear("welcome")
+            anna.receive("welcome")
             with pytest.raises(Exception, match=r"1000|OK"):
                 for _ in range(5000):
                     anna.socket.send(FRAME)
-                anna.hear("none")
+                anna.receive("none")
         assert one.told("messages a second")
         with one.browser() as anna:
-            assert anna.hear("welcome"), "it may come back"
+            assert anna.receive("welcome"), "it may come back"
 
 
 @pytest.mark.long
 def test_a_new_trouble_of_a_page_is_said_once(shared: Page) -> None:
     with shared.browser("camera", "carla") as carla:
         for _ in range(3):
-            carla.say(say="health", trouble="the camera sees two people", rtt_ms=3.0, send_ms=40.0)
-        carla.say(say="health", rtt_ms=1e300, send_ms=-1.0, agent="x" * 9000, fps=[1], secure="\n")
-        carla.say(say="health", trouble="it is dark")
+            carla.send(type="health", trouble="the camera sees two people", rtt_ms=3.0, send_ms=40.0)
+        carla.send(type="health", rtt_ms=1e300, send_ms=-1.0, agent="x" * 9000, fps=[1], secure="\n")
+        carla.send(type="health", trouble="it is dark")
         assert shared.told("it is dark")
     assert sum("two" in line for line in shared.said) == 1
     assert [said["rtt_ms"] for said in shared.control.health if "rtt_ms" in said] == [3.0] * 3
@@ -447,16 +447,16 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
     setup = PageSetup(str(robot.profile.path), None, None, human(), sensors=("head", "l_wrist"), landmarks=landmarks)
     with page() as one, one.browser() as anna:
         one.feed.announce("calibrating")
-        assert anna.hear("state")["state"] == "calibrating"
+        assert anna.receive("state")["state"] == "calibrating"
         one.feed.note("Stand upright")
-        assert anna.hear("note")["text"] == "Stand upright"
+        assert anna.receive("note")["text"] == "Stand upright"
         one.feed.begin(setup, rate_hz=25.0)
-        scene = anna.hear("scene")
+        scene = anna.receive("scene")
         goal = robot.posture(robot.profile.postures.stand)
         asked = robot.points(goal[None], robot.landmark_frames(landmarks))[0]
         asked[landmarks.index("l_hand")] += [0.0, 0.0, 0.12]
         sensors = np.array([[0.0, 0.0, 1.6], [np.nan] * 3])
-        anna.say(say="health", rtt_ms=4.0)
+        anna.send(type="health", rtt_ms=4.0)
         one.told("here")
         one.until(lambda: not [*one.control.poll(0.0)] and one.control.health)
 
@@ -464,7 +464,7 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
 
         def clipped(time: float, q: FloatArray) -> list[str]:
             one.feed._send(row(time, q))
-            return list(anna.hear("state")["clipped"])
+            return list(anna.receive("state")["clipped"])
 
         late = goal.copy()
         late[robot.body.joint_qpos[robot.body.joint_index("l_sho_pitch")]] += 0.5
@@ -472,9 +472,9 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
         assert [clipped(0.1, late), *(clipped(time, goal) for time in (0.4, 0.6, 0.8))] == [[], [], [], []]
         assert clipped(1.0, goal) == ["left hand 12 cm out of reach"]
         one.feed._send(row(1.05, goal))
-        assert anna.hear("state")["imu"] == "tilted 8° forward, 3° left"
+        assert anna.receive("state")["imu"] == "tilted 8° forward, 3° left"
         one.feed._send(row(1.1, goal, "holding", "l_wrist: lost"))
-        state = anna.hear("state")
+        state = anna.receive("state")
         assert state["imu"] == "no IMU"
         assert (state["state"], state["why"]) == ("holding", "l_wrist: lost")
         assert state["sensors"] == {"head": True, "l_wrist": False}
@@ -491,20 +491,20 @@ def test_the_page_of_a_run_can_only_stop_it() -> None:
     """It cannot perform, pause or hold, and nothing of that reaches the run."""
     with page(performs=False) as one:
         with one.browser("watch", "olga") as olga:
-            assert olga.hear("welcome")["performs"] is False
-            olga.say(say="ping", t=1.0)
-            assert olga.hear("pong")
-            olga.say(say="stop")
-            assert olga.hear("stop")
-            assert one.until(one.feed.stop_asked)
-        for said in ({"say": "pause"}, {"say": "held", "held": True}):
+            assert olga.receive("welcome")["performs"] is False
+            olga.send(type="ping", t=1.0)
+            assert olga.receive("pong")
+            olga.send(type="stop")
+            assert olga.receive("stop")
+            assert one.until(one.feed.stop_requested)
+        for said in ({"type": "pause"}, {"type": "held", "held": True}):
             with one.browser("watch", "olga") as olga:
-                olga.say(**said)
-                assert "anew" in olga.hear("refused")["why"]
+                olga.send(**said)
+                assert "anew" in olga.receive("refused")["why"]
         for kind in ("camera", "headset"):
             with one.browser(kind, "anna") as anna:
-                assert "anew" in anna.hear("refused")["why"]
-        assert not [word for word in one.feed.words() if not word.startswith("note ")]
+                assert "anew" in anna.receive("refused")["why"]
+        assert not [word for word in one.feed.messages() if not word.startswith("note ")]
 
 
 @pytest.mark.long
@@ -512,10 +512,10 @@ def test_the_end_and_its_reason_are_shown() -> None:
     with ExitStack() as outer:
         with pytest.raises(ConfigError), page() as one:
             anna = outer.enter_context(one.browser())
-            anna.hear("welcome")
+            anna.receive("welcome")
             raise ConfigError("the left arm was not seen to rise")
-        assert "arm" in anna.hear("note")["text"]
-        assert anna.hear("state")["state"] == "ended"
+        assert "arm" in anna.receive("note")["text"]
+        assert anna.receive("state")["state"] == "ended"
 
 
 @pytest.mark.long
@@ -529,4 +529,4 @@ def test_the_network_is_reached_over_https_with_the_certificate_that_is_told() -
         trusting = ssl.create_default_context()
         trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
         with one.browser(ssl=trusting) as anna:
-            assert anna.hear("welcome")
+            assert anna.receive("welcome")

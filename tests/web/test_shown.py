@@ -51,7 +51,7 @@ def test_left_is_orange_and_right_is_blue_of_performer_and_robot(cast: Cast) -> 
     sides = {tuple(round(value, 3) for value in rgb(side)) for side in (LEFT, RIGHT)}
     for body in (scene["human"]["body"], scene["robot"]["body"]):
         assert sides < colours(body)
-    assert scene["robot"]["layers"] == ["asked", "goal", "pass", "scene", "observers"]
+    assert scene["robot"]["layers"] == ["desired", "goal", "pass", "scene", "observers"]
     assert scene["human"]["layers"] == ["servos"] and scene["joints"] == cast.joints
 
 

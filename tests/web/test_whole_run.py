@@ -45,7 +45,7 @@ def test_poses_of_a_page_move_a_robot(tmp_path: Path) -> None:
     with run(tmp_path, "--countdown", "1", "--end", "4") as (process, address):
         where = urlsplit(address)
         with client.connect(f"ws://{where.netloc}{where.path}ws", origin=f"http://{where.netloc}") as page:
-            page.send(json.dumps({"say": "hello", "input": "headset", "id": "test"}))
+            page.send(json.dumps({"type": "hello", "input": "headset", "id": "test"}))
             begin = clock.now()
             with suppress(ConnectionClosed):  # the run is over
                 for number in range(60 * send_poses.RATE_HZ):

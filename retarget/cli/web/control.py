@@ -15,7 +15,7 @@ from retarget.cli.stick import STAND, Shares
 from retarget.errors import ConfigError, install_step
 from retarget.live.address import WEB_PORT, StreamAddress
 from retarget.types import News, Notify
-from retarget.web.feed import MOST_WORDS, Settings, ViewFeed
+from retarget.web.feed import MOST_MESSAGES, Settings, ViewFeed
 from retarget.web.link import GO_ON, GRIP, HEALTH, NOTE, PAUSE, RELEASE, STICK, PoseReceiver, open_web
 from retarget.web.runtime import runtime_folder
 
@@ -36,7 +36,7 @@ class PageControl:
 
     def __init__(self, feed: ViewFeed, notify: Notify) -> None:
         self._feed, self._notify = feed, notify
-        self._words: deque[str] = deque(maxlen=MOST_WORDS)
+        self._words: deque[str] = deque(maxlen=MOST_MESSAGES)
         self._gripped = dict[str, float]()  # [s] of the last message of each dead-man control
         self._held: bool | None = None  # None: no dead-man control is in use
         self._stick, self._steered = STAND, -inf  # of the pads, and its time [s]
@@ -69,7 +69,7 @@ class PageControl:
 
     def listen(self) -> None:
         """Pass on notes, and keep health and requests."""
-        for word in self._feed.words():
+        for word in self._feed.messages():
             if word.startswith(NOTE):
                 self._notify(News(word.removeprefix(NOTE)))
             elif word.startswith(HEALTH):
@@ -88,7 +88,7 @@ class PageControl:
     def look(self) -> None:
         """Call `listen` while nothing moves. Raises KeyboardInterrupt once STOP was pressed."""
         self.listen()
-        if self._feed.stop_asked():
+        if self._feed.stop_requested():
             raise KeyboardInterrupt
 
 

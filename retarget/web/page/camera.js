@@ -8,7 +8,7 @@ const SIDES = [
   [[11, 12], [23, 24], [7, 0, 8]],
 ];
 const WIDEST = 960; // px; a larger picture is made 640 wide, since the model looks at 256 anyway
-const SLOW_FPS = 8, FAST_FPS = 10; // slower is said, until it is faster than the second
+const SLOW_FPS = 8, FAST_FPS = 10; // below the first, the page warns until it is above the second
 const COUNTED_MS = 3000; // pictures are counted over so long
 const DARK = 40; // of 255, mean of the picture
 const SENTENCE_AFTER_MS = 500; // a sentence that comes and goes faster is not shown
@@ -35,7 +35,7 @@ const REFUSALS = {
   NotReadableError: "The camera is in use by another program. Close that, then try again.",
 };
 
-// Why this browser cannot be a camera, in a sentence; "" if it can.
+// The reason, in a sentence, why this browser cannot be a camera; "" if it can.
 export function cameraMissing(runtime) {
   if (!self.isSecureContext) {
     const local = `http://localhost:${location.port}${location.pathname}`;
@@ -59,7 +59,7 @@ export class Camera {
     this.state = CAMERA.OFF;
     this.failure = "";
     this.worker = null;
-    this.waits = false; // whether the picture on the screen has not been looked at
+    this.waits = false; // true if the picture on the screen has not been processed
     this.busy = false;
     this.time = 0; // s, of that picture
     this.startedAt = this.pictureAt = 0;
@@ -72,7 +72,7 @@ export class Camera {
     this.probe = new OffscreenCanvas(16, 12).getContext("2d", { willReadFrequently: true });
   }
 
-  // Opens a camera (`device`: its id, or "" for the one that faces the performer). The state says how it went.
+  // Opens a camera (`device`: its id, or "" for the one that faces the performer). See the state for the outcome.
   async start(device) {
     this.stop();
     this.state = CAMERA.STARTING;
@@ -155,7 +155,7 @@ export class Camera {
     this.#feed();
   }
 
-  // Time of capture, s; where the browser does not tell it, of its showing, and never both from one camera.
+  // Time of capture, s; where the browser does not know it, of its showing, and never both from one camera.
   #timeOf(now, { captureTime }) {
     this.tellsCapture ??= captureTime <= this.pictureAt && captureTime > now - 1000;
     return (this.tellsCapture ? captureTime : now) / 1e3;
@@ -221,7 +221,7 @@ export class Camera {
     return Math.round(1e4 * this.done.length / Math.min(COUNTED_MS, now - this.startedAt)) / 10;
   }
 
-  // What is wrong now, in a sentence; "" where nothing is.
+  // The present fault, in a sentence; "" if there is none.
   get trouble() {
     if (this.state === CAMERA.FAILED) return this.failure;
     if (this.state !== CAMERA.RUNNING) return "";

@@ -1,15 +1,15 @@
-// What holds the robot: the dead man (a key, a finger, the grip of a headset) and the keys that stop.
+// The controls of a page: the dead man (a key, a finger, the grip of a headset), the stick, and the keys that stop.
 
 const EVERY_MS = 100; // the server takes 0.3 s of silence for a release
 
 export class DeadMan {
-  // say(message): to the server. changed(held): for the page.
-  constructor(say, changed) {
-    this.say = say;
+  // send(message): to the server. changed(held): for the page.
+  constructor(send, changed) {
+    this.send = send;
     this.changed = changed;
     this.used = false;
     this.holders = new Set(); // "key", "finger", "grip"
-    this.saidAt = 0;
+    this.sentAt = 0;
     setInterval(() => this.tick(), EVERY_MS);
   }
 
@@ -35,12 +35,12 @@ export class DeadMan {
     for (const holder of [...this.holders]) this.press(holder, false);
   }
 
-  // Says it every 0.1 s. The frames of a headset call this too, since its browser may slow the timers of the page.
+  // Sends the state every 0.1 s. The frames of a headset call this too, since its browser may slow the timers of the page.
   tick(changed = false) {
     const now = performance.now();
-    if (!this.used || (!changed && now - this.saidAt < EVERY_MS - 10)) return;
-    this.saidAt = now;
-    this.say({ say: "held", held: this.held });
+    if (!this.used || (!changed && now - this.sentAt < EVERY_MS - 10)) return;
+    this.sentAt = now;
+    this.send({ type: "held", held: this.held });
   }
 }
 
@@ -63,12 +63,12 @@ export function listenForHolding(deadMan, pad) {
 
 const within = (share) => Math.max(-1, Math.min(1, share));
 
-// Pads by which a robot walks: up and down is forward and back, across is what the pad says. It counts while a finger is
+// Pads by which a robot walks: up and down is forward and back, across is `data-across` of the pad. It counts while a finger is
 // on one, and whatever takes the finger away from the page lets go.
 export class Stick {
-  // say(message): to the server.
-  constructor(say, pads) {
-    this.say = say;
+  // send(message): to the server.
+  constructor(send, pads) {
+    this.send = send;
     this.fingers = new Map(); // from pad to where its finger is, -1 to 1
     for (const pad of pads) this.listen(pad);
     for (const event of ["blur", "pagehide"]) addEventListener(event, () => this.letGo());
@@ -102,9 +102,9 @@ export class Stick {
   }
 
   tick() {
-    const asked = { forward: 0, left: 0, turn: 0 };
-    for (const finger of this.fingers.values()) for (const [name, share] of Object.entries(finger)) asked[name] = within(asked[name] + share);
-    this.say({ say: "stick", ...asked });
+    const requested = { forward: 0, left: 0, turn: 0 };
+    for (const finger of this.fingers.values()) for (const [name, share] of Object.entries(finger)) requested[name] = within(requested[name] + share);
+    this.send({ type: "stick", ...requested });
   }
 }
 

@@ -22,7 +22,7 @@ const WRIST = { left: "l_wrist", right: "r_wrist" };
 // Our hands are unturned where arms hang, as a grip is; WebXR's bare hands where they point ahead, palms down.
 const FLAT = { left: [0.5, -0.5, -0.5, 0.5], right: [0.5, 0.5, 0.5, 0.5] };
 
-// Why this browser cannot be a headset, in a sentence; "" if it can.
+// The reason, in a sentence, why this browser cannot be a headset; "" if it can.
 export async function headsetMissing() {
   if (!self.isSecureContext) return "A browser gives its headset only to https or localhost. Start the run with --listen, which serves https.";
   if (!navigator.xr) return "This browser has no WebXR. Open this page in the browser of the headset.";
@@ -64,7 +64,7 @@ function posesOf(frame, space, viewer) {
   return poses;
 }
 
-// Whether the performer lets the robot move, and asks for a stop, from what the hands press.
+// The requests of the hands: held (the robot may move), stop, and both (both hands are pinched).
 export function pressed(sources, pinching) {
   const both = ["left", "right"].every((side) => pinching.has(side));
   const hold = (source) => (source.hand ? pinching.has(source.handedness) && !both : source.gamepad?.buttons[1]?.pressed);
@@ -153,9 +153,9 @@ export class Headset {
     this.page.deadMan.press("grip", held && !this.anew);
     this.page.deadMan.tick();
     this.bothSince = both ? this.bothSince ?? time : null;
-    const asked = stop || (both && time - this.bothSince >= BOTH_PINCHED_MS);
-    if (asked && !this.stopDown) this.page.stop();
-    this.stopDown = asked;
+    const requested = stop || (both && time - this.bothSince >= BOTH_PINCHED_MS);
+    if (requested && !this.stopDown) this.page.stop();
+    this.stopDown = requested;
   }
 
   #send(time, frame, viewer) {

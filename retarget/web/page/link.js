@@ -1,5 +1,5 @@
-// The WebSocket to the server of the run: says hello, hears, and begins again by itself when it is lost.
-// It never repeats an order to move: after a new hello the page starts from what the server says.
+// The WebSocket to the server of the run. It reconnects by itself when it is lost.
+// It never repeats a command to move: after a new hello the page starts from the messages of the server.
 
 const AGAIN_MS = [500, 10000]; // from a loss to the next try: at first, and at most (each time twice as long)
 const SILENCE_MS = 3000; // without any message (pings are answered) the socket counts as lost
@@ -38,16 +38,16 @@ function read(data) {
 }
 
 export class Link {
-  // hear(message): of the server. changed(state, why): of the link, one of LINK.
-  constructor(hear, changed) {
-    this.hear = hear;
+  // receive(message): of the server. changed(state, why): of the link, one of LINK.
+  constructor(receive, changed) {
+    this.receive = receive;
     this.changed = changed;
     this.state = LINK.CLOSED;
     this.id = identity();
     this.input = "watch";
     this.again = AGAIN_MS[0];
     this.socket = null;
-    this.heard = 0;
+    this.receivedAt = 0;
     this.stopOwed = false;
     this.rounds = []; // ms, there and back, of the newest pings
     setInterval(() => this.#beat(), PING_MS);
@@ -63,7 +63,7 @@ export class Link {
     const socket = new WebSocket(address);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
-    this.heard = performance.now();
+    this.receivedAt = performance.now();
     socket.onopen = () => this.#opened(socket);
     socket.onmessage = (event) => socket === this.socket && this.#received(event.data);
     socket.onclose = (event) => socket === this.socket && this.#closed(event.reason);
@@ -74,7 +74,7 @@ export class Link {
     return median(this.rounds);
   }
 
-  say(message) {
+  send(message) {
     if (this.state !== LINK.OPEN) return false;
     this.socket.send(JSON.stringify(message));
     return true;
@@ -82,22 +82,22 @@ export class Link {
 
   // A frame of poses; left out while the network is behind.
   frame(message) {
-    return this.state === LINK.OPEN && this.socket.bufferedAmount < WAITING_BYTES && this.say(message);
+    return this.state === LINK.OPEN && this.socket.bufferedAmount < WAITING_BYTES && this.send(message);
   }
 
-  // A stop is never lost: without a link it is said first of all when there is one again.
+  // A stop is never lost: without a link it is the first message of the next one.
   stop() {
     this.stopOwed = true;
     this.stopAt = performance.now();
-    this.#sayStop();
+    this.#sendStop();
   }
 
-  // Again and again, until the server says that it has heard it.
-  #sayStop() {
-    if (this.stopOwed && this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify({ say: "stop" }));
+  // Repeated until the server confirms it.
+  #sendStop() {
+    if (this.stopOwed && this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify({ type: "stop" }));
   }
 
-  // The run is over: nobody answers at this address any more.
+  // The run is over: no server answers at this address any more.
   end() {
     this.#drop();
     this.#enter(LINK.CLOSED);
@@ -105,24 +105,24 @@ export class Link {
 
   #opened(socket) {
     if (socket !== this.socket) return;
-    socket.send(JSON.stringify({ say: "hello", input: this.input, id: this.id }));
-    this.#sayStop();
+    socket.send(JSON.stringify({ type: "hello", input: this.input, id: this.id }));
+    this.#sendStop();
   }
 
   #received(data) {
-    this.heard = performance.now();
+    this.receivedAt = performance.now();
     const message = read(data);
-    if (message.hear === "pong") {
+    if (message.type === "pong") {
       this.rounds = [...this.rounds.slice(1 - PINGS), performance.now() - message.t];
-    } else if (message.hear === "stop") {
+    } else if (message.type === "stop") {
       this.stopOwed = false;
-      this.hear(message);
-    } else if (message.hear === "refused") {
+      this.receive(message);
+    } else if (message.type === "refused") {
       this.#drop();
       this.#enter(LINK.REFUSED, message.why);
     } else {
-      if (message.hear === "welcome") this.#welcomed();
-      this.hear(message);
+      if (message.type === "welcome") this.#welcomed();
+      this.receive(message);
     }
   }
 
@@ -139,9 +139,9 @@ export class Link {
   }
 
   #beat() {
-    if (this.socket && performance.now() - this.heard > SILENCE_MS) this.#closed("the server is silent");
-    else this.say({ say: "ping", t: performance.now() });
-    if (performance.now() - this.stopAt > PING_MS) this.#sayStop();
+    if (this.socket && performance.now() - this.receivedAt > SILENCE_MS) this.#closed("the server is silent");
+    else this.send({ type: "ping", t: performance.now() });
+    if (performance.now() - this.stopAt > PING_MS) this.#sendStop();
   }
 
   #drop() {

@@ -23,16 +23,16 @@ const page = {
   welcome: null,
   run: null, // the newest message "state"
   note: { text: "", at: 0 },
-  paused: "", // why the robot is paused
+  paused: "", // reason of a pause
   refusal: "",
-  stopAsked: false,
+  stopRequested: false,
   ages: [], // ms, from the capture of a picture to its frame on the way, since the last report
   headsetMissing: "",
 };
 
-const link = new Link(hear, linked);
-const deadMan = new DeadMan((message) => link.say(message), (held) => byId("pad").classList.toggle("held", held));
-const stick = new Stick((message) => link.say(message), document.querySelectorAll(".stick"));
+const link = new Link(receive, linked);
+const deadMan = new DeadMan((message) => link.send(message), (held) => byId("pad").classList.toggle("held", held));
+const stick = new Stick((message) => link.send(message), document.querySelectorAll(".stick"));
 const camera = new Camera(byId("video"), byId("overlay"), sendPoses);
 const scene = new Scene(byId("human"), byId("robot"), byId("layers"), byId("joint"));
 const headset = new Headset({ send: sendPoses, deadMan, scene, stop, ended: () => choose("choose"), words: headline });
@@ -45,7 +45,7 @@ function sendPoses(frame) {
 }
 
 function stop() {
-  page.stopAsked = true;
+  page.stopRequested = true;
   link.stop();
   show();
 }
@@ -59,21 +59,21 @@ function letGo() {
 
 // In.
 
-function hear(message) {
-  if (message.hear === "welcome") {
+function receive(message) {
+  if (message.type === "welcome") {
     welcomed(message);
-  } else if (message.hear === "note") {
+  } else if (message.type === "note") {
     page.note = { text: message.text, at: performance.now() };
-  } else if (message.hear === "scene") {
+  } else if (message.type === "scene") {
     scene.meet(message);
-  } else if (message.hear === "paused") {
+  } else if (message.type === "paused") {
     page.paused = message.why;
-  } else if (message.hear === "state") {
+  } else if (message.type === "state") {
     page.run = message;
     scene.pose(message);
     if (message.state === "ended") ended();
   }
-  if (message.hear !== "state") show();
+  if (message.type !== "state") show();
 }
 
 function ended() {
@@ -156,14 +156,14 @@ function headline() {
   if (link.state === LINK.REFUSED) return { state: "refused", why: page.refusal };
   if (link.state !== LINK.OPEN && page.run?.state === "ended") return { state: "ended", why: `${page.run.why ? `${page.run.why}. ` : ""}The run is over. Start the next one, and open its address.` };
   if (link.state === LINK.OPENING && !page.welcome) return { state: "connecting", why: "" };
-  if (link.state !== LINK.OPEN) return { state: "not connected", why: lostWords() };
+  if (link.state !== LINK.OPEN) return { state: "not connected", why: lostText() };
   const state = page.run?.state || "waiting";
-  const asked = page.stopAsked && !STOPPING.test(state) ? (link.stopOwed ? "STOP is on its way." : "A stop is asked for.") : "";
-  const why = asked || page.run?.why || (BEFORE.test(state) ? "Nothing moves yet." : "");
+  const stopping = page.stopRequested && !STOPPING.test(state) ? (link.stopOwed ? "STOP is on its way." : "A stop is asked for.") : "";
+  const why = stopping || page.run?.why || (BEFORE.test(state) ? "Nothing moves yet." : "");
   return { state, why, note: noteNow() };
 }
 
-function lostWords() {
+function lostText() {
   if (link.stopOwed) return "The STOP did not reach the robot. Use its switch, or Ctrl-C where the run was started.";
   if (page.input === "watch") return "The run goes on without this page, which keeps trying.";
   return "No poses reach the robot, so it holds. This page keeps trying.";
@@ -225,11 +225,11 @@ function show() {
   byId("pause").textContent = page.paused ? "Go on" : "Pause";
   byId("pause").disabled = byId("hold").disabled = !connected;
   byId("hold").checked = deadMan.used;
-  if (deadMan.used) byId("hold").disabled = true; // who has begun to hold goes on, or the robot holds
+  if (deadMan.used) byId("hold").disabled = true; // from its first use on, the robot holds without it
   byId("pad").hidden = !deadMan.used || page.view === "headset";
   byId("own").hidden = camera.state !== CAMERA.RUNNING;
   byId("again").hidden = page.view !== "camera" || camera.state !== CAMERA.FAILED;
-  showWays(connected);
+  showInputs(connected);
 }
 
 function showStance(state) {
@@ -240,7 +240,7 @@ function showStance(state) {
   byId("drawing").alt = byId("stance").textContent = words;
 }
 
-function showWays(connected) {
+function showInputs(connected) {
   const missing = { camera: cameraMissing(page.welcome?.runtime), headset: page.headsetMissing, watch: "" };
   for (const button of document.querySelectorAll("[data-input]")) {
     const why = missing[button.dataset.input];
@@ -252,8 +252,8 @@ function showWays(connected) {
 }
 
 function health() {
-  link.say({
-    say: "health",
+  link.send({
+    type: "health",
     fps: page.view === "headset" ? headset.fps : camera.fps,
     infer_ms: Math.round(camera.took_ms),
     camera: camera.words,
@@ -269,20 +269,20 @@ function health() {
   page.ages = [];
 }
 
-async function askPermission() {
+async function queryPermission() {
   try {
     const status = await navigator.permissions.query({ name: "camera" });
     const keep = () => { page.permission = status.state; };
     status.onchange = keep;
     keep();
   } catch {
-    page.permission = "unknown"; // not every browser tells
+    page.permission = "unknown"; // not every browser has the query
   }
 }
 
 function wire() {
   byId("stop").onclick = stop;
-  byId("pause").onclick = () => link.say({ say: page.paused ? "go on" : "pause" });
+  byId("pause").onclick = () => link.send({ type: page.paused ? "go on" : "pause" });
   byId("hold").onchange = () => { deadMan.use(); show(); };
   byId("again").onclick = () => startCamera(byId("camera").value);
   byId("camera").onchange = () => startCamera(byId("camera").value);
@@ -300,7 +300,7 @@ function wire() {
 }
 
 wire();
-askPermission();
+queryPermission();
 headsetMissing().then((why) => { page.headsetMissing = why; });
 join("watch");
 show();

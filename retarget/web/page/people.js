@@ -1,4 +1,4 @@
-// Who is in a picture, from the landmarks of MediaPipe: [[u, v, x, y, z, visibility] x 33] for each person.
+// The people in a picture, from the landmarks of MediaPipe: [[u, v, x, y, z, visibility] x 33] for each person.
 
 export const SEEN = 0.5; // visibility from which a landmark counts as seen
 const ENOUGH = 5; // landmarks seen, for a person
@@ -19,13 +19,13 @@ function samePerson(a, b) {
   return width > 0 && height > 0 && width * height > SAME_PERSON * Math.min(a.area, b.area);
 }
 
-// Whether what was found in one picture is more than one person; a tracker may find the same one twice.
+// True if a picture shows more than one person. A tracker may find the same one twice.
 export function crowded(people) {
   const boxes = people.map(box).filter(Boolean);
   return boxes.some((one) => !samePerson(one, boxes[0]));
 }
 
-// What is wrong with a performer ([] for nobody): "nobody", "part", "head" or "feet" not in the picture; "" for nothing.
+// The fault of a performer ([]: not found): "nobody", "part", "head" or "feet" not in the picture; "" if there is none.
 export function wrongWith(landmarks) {
   if (!landmarks.length || !box(landmarks)) return "nobody";
   const shown = (i) => [0, 1].every((k) => landmarks[i][k] >= 0 && landmarks[i][k] <= 1);

@@ -3,7 +3,7 @@
 // In:  {base} once: the address of the page, below which the runtime lies. Then {picture, time}: an ImageBitmap, which is
 //      closed here, and its time of capture, s.
 // Out: {ready: true}, {failed: "why"}, or for every picture {time, landmarks: [[u, v, x, y, z, visibility] x 33] or [],
-//      crowded: whether somebody else is there, took_ms}; units as in the protocol.
+//      crowded: true if a second person is there, took_ms}; units as in the protocol.
 
 import { crowded } from "./people.js";
 
@@ -11,7 +11,7 @@ const MODEL = "runtime/pose_landmarker_lite.task";
 const LOOK_ROUND_S = 1; // looking for a second person in every picture would take half as long again
 
 let performer = null; // follows one person from picture to picture
-let everybody = null; // finds two in a single picture
+let several = null; // finds two in a single picture
 let lastStamp = 0;
 let lookedAt = -Infinity;
 let isCrowded = false;
@@ -28,7 +28,7 @@ async function load(base) {
     return vision.PoseLandmarker.createFromOptions(files, { baseOptions, ...options });
   };
   performer = await make({ runningMode: "VIDEO", numPoses: 1 });
-  everybody = await make({ runningMode: "IMAGE", numPoses: 2 });
+  several = await make({ runningMode: "IMAGE", numPoses: 2 });
 }
 
 function round(value) {
@@ -50,7 +50,7 @@ function detect({ picture, time }) {
     const landmarks = people(performer.detectForVideo(picture, lastStamp))[0] || [];
     if (time - lookedAt > LOOK_ROUND_S) {
       lookedAt = time;
-      isCrowded = crowded(people(everybody.detect(picture)));
+      isCrowded = crowded(people(several.detect(picture)));
     }
     postMessage({ time, landmarks, crowded: isCrowded, took_ms: performance.now() - began });
   } finally {

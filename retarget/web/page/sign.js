@@ -54,15 +54,15 @@ export class Sign {
     this.place.set([c, 0, -s, 0, 0, 1, 0, 0, s, 0, c, 0, p.x - AWAY * s, p.y + ABOVE, p.z - AWAY * c, 1]);
   }
 
-  // Whether a ray (matrix; along -z) meets the red field.
+  // True if a ray (matrix; along -z) meets the red field.
   pointedAt(ray) {
     const m = this.place, [axis, up, normal] = [0, 4, 8].map((k) => m.subarray(k, k + 3));
     const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    const way = [-ray[8], -ray[9], -ray[10]];
+    const direction = [-ray[8], -ray[9], -ray[10]];
     const from = [0, 1, 2].map((k) => ray[12 + k] - m[12 + k]);
-    const far = -dot(normal, from) / dot(normal, way);
+    const far = -dot(normal, from) / dot(normal, direction);
     if (!(far > 0)) return false;
-    const hit = from.map((value, k) => value + far * way[k]);
+    const hit = from.map((value, k) => value + far * direction[k]);
     const height = (dot(up, hit) / HALF[1] + 1) / 2;
     return Math.abs(dot(axis, hit)) < HALF[0] && height > 0 && height < STOP_SHARE;
   }
