@@ -91,7 +91,9 @@ def check(decoder: StreamDecoder, datagram: bytes) -> list[StreamFrame]:
         np.testing.assert_allclose(np.linalg.norm(turns, axis=1), 1.0, atol=1e-9)
         if not isinstance(decoder, VmcDecoder | VrchatDecoder | JsonPoseDecoder):  # these also know turns alone
             assert (np.isfinite(one.position).all(axis=1) >= one.tracked).all()
-    assert decoder.dropped.count >= before and len(decoder.dropped.reasons) <= 40
+    if isinstance(decoder, JsonPoseDecoder | CameraDecoder):
+        assert frames or decoder.dropped.count > before
+    assert len(decoder.dropped.reasons) <= 40
     return frames
 
 

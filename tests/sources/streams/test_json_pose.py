@@ -9,7 +9,6 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from command_line import mutated
 from retarget import rotations
 from retarget.frames import SENSORS
 from retarget.sources.skeletons import TABLES
@@ -161,13 +160,6 @@ def test_the_page_shows_a_message_that_is_used_and_every_convention(root: Path) 
     assert table.count("\n| `") == len(CONVENTIONS)
 
 
-def check(decoder: JsonPoseDecoder, datagram: bytes) -> None:
-    for frame in decoder.decode(datagram):
-        assert 0 < len(frame.names) == len(set(frame.names)) <= MAX_POSES
-        assert not np.isinf(frame.position).any() and not np.isinf(frame.orientation).any()
-    assert len(decoder.dropped.reasons) <= 20
-
-
 SCALAR = st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5))
 TREE = st.recursive(
     SCALAR, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner), max_leaves=8
@@ -184,19 +176,9 @@ def test_any_value_at_any_key(key: str, value: object) -> None:
         message["poses"][key] = value
     else:
         message["poses"]["a"][key] = value
-    check(JsonPoseDecoder(), json.dumps(message).encode())
-
-
-@given(st.binary(max_size=100))
-def test_any_bytes(data: bytes) -> None:
-    check(JsonPoseDecoder(), data)
-
-
-@pytest.mark.long
-def test_a_million_datagrams() -> None:
-    generator, decoder, real = np.random.default_rng(6), JsonPoseDecoder(), [json.dumps(good()).encode()]
-    for _ in range(1_000_000):
-        check(decoder, mutated(generator, real))
+    for frame in JsonPoseDecoder().decode(json.dumps(message).encode()):
+        assert 0 < len(frame.names) == len(set(frame.names)) <= MAX_POSES
+        assert not np.isinf(frame.position).any() and not np.isinf(frame.orientation).any()
 
 
 # Poses that no room and no rotation holds are found, and only those.
