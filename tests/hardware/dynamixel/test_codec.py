@@ -1,19 +1,32 @@
-"""Parsers of both protocols: frames of a clean line, whole after damage, the same however the bytes arrive."""
+"""Frames of both protocols, as printed and as dynamixel-sdk has them; parsers: whole after damage, in any pieces."""
 
+import itertools
 import os
 import random
 from collections.abc import Callable
+from typing import Any
 
 import pytest
-from dynamixel_sdk import Protocol1PacketHandler
+from dynamixel_sdk import Protocol1PacketHandler, Protocol2PacketHandler
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import more_frames
-from hardware.dynamixel.codec import ALERT, BROADCAST, Status, WireFrame, protocol1, protocol2, valid_parts, whole_reply
+from hardware.dynamixel.codec import (
+    ALERT,
+    BROADCAST,
+    STATUS,
+    Status,
+    WireFrame,
+    fast_length,
+    protocol1,
+    protocol2,
+    valid_parts,
+    whole_reply,
+)
 from messages import refuses
 from noise import LINES, bytes_of, noise, pieces, stretch
-from packet_vectors import ONE, TWO, SdkPort, Vector
+from packet_vectors import FAST_BULK, FAST_BULK_REPLY, FAST_SYNC, FAST_SYNC_REPLY, ONE, TWO, SdkPort, Vector
 
 both = pytest.mark.parametrize("protocol", [1, 2])
 SEEDS = st.integers(0, 2**32 - 1)
@@ -39,14 +52,9 @@ def test_frames_depend_on_the_bytes_not_on_the_pieces(protocol: int, seed: int, 
 @given(device=st.integers(0, 252), code=st.integers(0, 255), params=st.binary(max_size=200))
 def test_any_frame_round_trips(protocol: int, device: int, code: int, params: bytes) -> None:
     line = LINES[protocol]
-    parser = line.parser()
-    assert parser.feed(line.frame(device, code, params)) == [WireFrame(device, code, params)]
-
-
-@given(st.lists(st.builds(Status, st.integers(0, 252), st.integers(0, 255), st.binary(max_size=12)), min_size=1))
-def test_a_fast_status_is_taken_as_it_is(answers: list[Status]) -> None:
-    reply = more_frames.fast_status(answers)
-    assert protocol2.parser().feed(reply) == [WireFrame(0xFE, 0x55, reply[8:-2])]
+    assert line.parser().feed(line.frame(device, code, params)) == [WireFrame(device, code, params)]
+    reply = more_frames.fast_status([Status(device, code, params), Status(0, 0, b"")])
+    assert protocol == 1 or line.parser().feed(reply) == [WireFrame(0xFE, 0x55, reply[8:-2])]
 
 
 @both
@@ -192,16 +200,6 @@ def test_a_frame_without_stuffing_is_taken_when_no_header_is_inside() -> None:
     assert protocol2.parser().feed(sealed) == [WireFrame(1, 3, b"\x74\0\xff\xff\xfd\xff")]
 
 
-def sealed_by(tail: bytes, crc: bytes) -> tuple[WireFrame, bytes]:
-    """A frame whose parameters end in `tail` and whose CRC is `crc`: one of 65536 values of two bytes does it."""
-    for value in range(65536):
-        params = value.to_bytes(2, "little") + tail
-        raw = protocol2.frame(1, 3, params)
-        if raw.endswith(tail + crc):
-            return WireFrame(1, 3, params), raw
-    raise AssertionError
-
-
 @pytest.mark.parametrize(
     ("tail", "crc", "behind"),
     [
@@ -212,15 +210,13 @@ def sealed_by(tail: bytes, crc: bytes) -> tuple[WireFrame, bytes]:
     ],
 )
 def test_last_parameters_and_crc_that_look_like_a_header(tail: bytes, crc: bytes, behind: bytes) -> None:
-    frame, raw = sealed_by(tail, crc)
-    stream = raw + behind + raw + PING
-    assert protocol2.parser().feed(stream) == [frame, frame, WireFrame(1, 1, b"")]
+    candidates = (value.to_bytes(2, "little") + tail for value in range(65536))  # one of them has this CRC
+    params, raw = next((one, raw) for one in candidates if (raw := protocol2.frame(1, 3, one)).endswith(tail + crc))
+    stream, frame = raw + behind + raw + PING, WireFrame(1, 3, params)
+    all_of_them = [frame, frame, WireFrame(1, 1, b"")]
+    assert protocol2.parser().feed(stream) == all_of_them
     single = protocol2.parser()
-    assert [received for byte in stream for received in single.feed(bytes((byte,)))] == [
-        frame,
-        frame,
-        WireFrame(1, 1, b""),
-    ]
+    assert [received for byte in stream for received in single.feed(bytes((byte,)))] == all_of_them
     assert single.skipped == len(behind)
 
 
@@ -270,32 +266,36 @@ def test_a_part_whose_followers_took_its_damage_for_granted_is_not_taken() -> No
         assert whole_reply(bytes(out), ids, 10) is None
 
 
-# Protocol 1.0: printed frames, checksum; dynamixel-sdk as a second opinion.
+# Printed frames, checksums and stuffing; dynamixel-sdk as a second opinion where it is right.
 
 
-@pytest.mark.parametrize("vector", ONE, ids=lambda vector: vector.printed.hex())
+@pytest.mark.parametrize("vector", [*ONE, *TWO], ids=lambda vector: vector.printed[:24].hex())
 def test_frames_are_those_of_the_manual(vector: Vector) -> None:
     assert vector.built == vector.printed
 
 
-@given(st.integers(0, 254), st.integers(0, 255), st.binary(max_size=253))
-def test_content_and_checksum_add_up_to_nothing_but_ones(device: int, code: int, params: bytes) -> None:
-    frame = protocol1.frame(device, code, params)
-    assert sum(frame[2:]) & 0xFF == 0xFF
-    assert frame[3] == len(frame) - 4
-    assert frame[:2] == b"\xff\xff"
-
-
 WRONG: dict[str, Callable[[], bytes]] = {
-    "id FF": lambda: protocol1.ping(0xFF),
-    "negative id": lambda: protocol1.ping(-1),
-    "address": lambda: protocol1.read(1, 256, 1),
-    "length": lambda: protocol1.read(1, 0, 256),
-    "group id": lambda: protocol1.sync_write(30, 1, [(BROADCAST, b"\0")]),
-    "bulk id": lambda: protocol1.bulk_read([(BROADCAST, 30, 1)]),
-    "short data": lambda: protocol1.sync_write(30, 2, [(1, b"\0")]),
-    "too much": lambda: protocol1.write(1, 0, bytes(253)),
-    "too many": lambda: protocol1.sync_write(30, 4, [(device, bytes(4)) for device in range(1, 60)]),
+    "1 id FF": lambda: protocol1.ping(0xFF),
+    "1 negative id": lambda: protocol1.ping(-1),
+    "1 address": lambda: protocol1.read(1, 256, 1),
+    "1 length": lambda: protocol1.read(1, 0, 256),
+    "1 group id": lambda: protocol1.sync_write(30, 1, [(BROADCAST, b"\0")]),
+    "1 bulk id": lambda: protocol1.bulk_read([(BROADCAST, 30, 1)]),
+    "1 short data": lambda: protocol1.sync_write(30, 2, [(1, b"\0")]),
+    "1 too much": lambda: protocol1.write(1, 0, bytes(253)),
+    "1 too many": lambda: protocol1.sync_write(30, 4, [(device, bytes(4)) for device in range(1, 60)]),
+    "2 id FD": lambda: protocol2.ping(0xFD),
+    "2 id FF": lambda: protocol2.ping(0xFF),
+    "2 negative id": lambda: protocol2.ping(-1),
+    "2 address": lambda: protocol2.sync_read(65536, 1, [1]),
+    "2 negative address": lambda: protocol2.write(1, -1, b""),
+    "2 length": lambda: protocol2.sync_read(0, 65536, [1]),
+    "2 group id": lambda: protocol2.sync_read(0, 1, [1, BROADCAST]),
+    "2 group id FD": lambda: protocol2.sync_write(0, 1, [(0xFD, b"\0")]),
+    "2 short data": lambda: protocol2.sync_write(0, 2, [(1, b"\0")]),
+    "2 long data": lambda: protocol2.sync_write(0, 2, [(1, b"\0\0\0")]),
+    "2 huge frame": lambda: protocol2.write(1, 0, bytes(protocol2.MAX_LENGTH)),
+    "2 huge when stuffed": lambda: protocol2.write(1, 0, b"\xff\xff\xfd" * (protocol2.MAX_LENGTH // 4)),
 }
 
 
@@ -305,9 +305,86 @@ def test_what_cannot_be_sent_is_refused(build: Callable[[], bytes]) -> None:
         build()
 
 
-@given(st.integers(0, 253), st.integers(0, 127), st.binary(max_size=60))
+@given(st.integers(0, 252), st.integers(0, 255), st.binary(max_size=60).filter(lambda data: b"\xff\xfd" not in data))
 def test_the_sdk_understands_our_statuses(device: int, error: int, data: bytes) -> None:
-    port = SdkPort(protocol1.status(device, error, data))
-    packet, result = Protocol1PacketHandler().rxPacket(port)
+    packet, result = Protocol1PacketHandler().rxPacket(SdkPort(protocol1.status(device + 1, error & 0x7F, data)))
     assert result == 0
-    assert (packet[2], packet[4], bytes(packet[5:-1])) == (device, error, data)
+    assert (packet[2], packet[4], bytes(packet[5:-1])) == (device + 1, error & 0x7F, data)
+    packet, result = Protocol2PacketHandler().rxPacket(SdkPort(protocol2.status(device, error, data)), False)
+    assert result == 0
+    assert (packet[4], packet[7], packet[8], bytes(packet[9:-2])) == (device, STATUS, error, data)
+
+
+@given(
+    st.integers(0, 252), st.integers(0, 255), st.binary(max_size=60).filter(lambda data: b"\xff\xff\xfd" not in data)
+)
+def test_frames_equal_those_of_the_sdk_where_nothing_is_stuffed(device: int, code: int, params: bytes) -> None:
+    if b"\xff\xff\xfd" not in bytes((code,)) + params:
+        length = len(params) + 3
+        packet: list[Any] = [0, 0, 0, 0, device, length & 0xFF, length >> 8, code, *params, 0, 0]
+        port = SdkPort()
+        assert Protocol2PacketHandler().txPacket(port, packet) == 0
+        assert protocol2.frame(device, code, params) == port.sent
+
+
+def test_crc_is_umts_and_goes_on() -> None:
+    assert more_frames.crc(b"123456789") == 0xFEE8
+    assert more_frames.crc(b"6789", more_frames.crc(b"12345")) == 0xFEE8
+    assert more_frames.crc(b"", 0x1234) == 0x1234
+
+
+def test_stuffing_round_trips_for_every_short_string_of_hot_bytes() -> None:
+    """Among them those from which the vendor's unstuffing loses a byte: FF FF FD FF FD FD."""
+    for size in range(8):
+        for body in map(bytes, itertools.product((0xFF, 0xFD, 0x00, 0x55), repeat=size)):
+            stuffed = protocol2.stuff(body)
+            assert protocol2.unstuff(stuffed) == body
+            assert protocol2.HEADER not in stuffed
+
+
+HOT = st.lists(st.sampled_from((0xFF, 0xFD, 0x00, 0x55, 0xFE)), max_size=12).map(bytes)
+PARTS = st.lists(
+    st.builds(Status, st.integers(0, 252), st.integers(0, 255), HOT | st.binary(max_size=12)), min_size=1, max_size=8
+)
+
+
+def ends(sizes: list[int]) -> list[int]:
+    """Bytes after which each part is whole."""
+    return [fast_length(sizes[: count + 1]) for count in range(len(sizes))]
+
+
+@pytest.mark.parametrize(("reply", "answers"), [(FAST_SYNC_REPLY, FAST_SYNC), (FAST_BULK_REPLY, FAST_BULK)])
+def test_the_manuals_examples_cut_at_every_byte(reply: bytes, answers: tuple[Status, ...]) -> None:
+    sizes = [len(answer.data) for answer in answers]
+    assert fast_length(sizes) == len(reply)
+    for length in range(len(reply) + 1):
+        whole = sum(end <= length for end in ends(sizes))
+        assert valid_parts(reply[:length], sizes) == list(answers[:whole])
+
+
+@settings(max_examples=150)
+@given(PARTS, st.data())
+def test_any_reply_cut_or_damaged_yields_what_stands_before(answers: list[Status], data: st.DataObject) -> None:
+    sizes, reply = [len(answer.data) for answer in answers], more_frames.fast_status(answers)
+    assert valid_parts(reply + b"\xff\xff\xfd\0", sizes) == answers
+    cut = data.draw(st.integers(0, len(reply)))
+    assert valid_parts(reply[:cut], sizes) == answers[: sum(end <= cut for end in ends(sizes))]
+    at = data.draw(st.integers(8, len(reply) - 1))
+    damaged = reply[:at] + bytes((reply[at] ^ data.draw(st.integers(1, 255)),)) + reply[at + 1 :]
+    assert valid_parts(damaged, sizes) == answers[: sum(end <= at for end in ends(sizes))]
+
+
+def test_a_reply_to_another_question_has_no_parts() -> None:
+    for sizes in ([4, 4], [4, 4, 5], [5, 4, 3]):  # the last: same length, other layout
+        assert valid_parts(FAST_SYNC_REPLY, sizes) == []
+    assert valid_parts(protocol2.status(1, 0, b"\x01\x02\x03\x04"), [4]) == []
+    assert valid_parts(protocol2.sync_read(132, 4, (3, 7, 4), fast=True), [4, 4, 4]) == []
+    assert valid_parts(b"", [4]) == []
+
+
+@given(st.integers(0, 254), st.integers(0, 255), st.binary(max_size=253))
+def test_content_and_checksum_add_up_to_nothing_but_ones(device: int, code: int, params: bytes) -> None:
+    frame = protocol1.frame(device, code, params)
+    assert sum(frame[2:]) & 0xFF == 0xFF
+    assert frame[3] == len(frame) - 4
+    assert frame[:2] == b"\xff\xff"
