@@ -90,6 +90,7 @@ def nearest(name: str, known: Iterable[str]) -> tuple[str, ...]:
 
 RENAMED = {
     "uphold": "deflection_compensation",
+    "servo_lead": "lag_compensation",
     "reserve": "speed_margin",
     "off_stops": "soft_limits",
     "late": "tracking_delay",

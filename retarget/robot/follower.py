@@ -214,7 +214,7 @@ class Follower:
             limits,
             still=frozenset(soles),
             trunk_at_stance=self._reader.trunk_at_stance,
-            lag_compensation=priorities.servo_lead,
+            lag_compensation=priorities.lag_compensation,
         )
         self._speed, self._rest, self._settled_s = 1.0, Dwell(), 0.0
 

@@ -120,7 +120,7 @@ class RunOptions:
         torque_off_at_end: End at rest, even if it topples there.
         parts whole|upper: Moving parts; 'upper' keeps the legs still.
         legs free: Pelvis and feet as the performer's; on no servos.
-        steps WAY: When the performer walks: planted (usual), walk, follow (of a robot that hangs).
+        steps MODE: When the performer walks: planted (usual), walk, follow (of a robot that hangs).
         iterations (--n-ik) N: Iterations per frame at most, both stages.
         faults FILE.yaml: Faults on the emulator's wire.
 

@@ -353,7 +353,7 @@ class Priorities(Schema):
     performer's. Absent: stay, or copy if the robot hangs."""
     strategies: Annotated[tuple[Literal["trunk", "crouch"], ...], Field(max_length=2)] = ()
     """Means by which a robot on its soles reaches farther than its arms (see `retarget.robot.strategies`)."""
-    servo_lead: Annotated[NotNegative, Field(le=2.0)] = 0.0
+    lag_compensation: Annotated[NotNegative, Field(le=2.0)] = 0.0
     """Share of the lag of their servos by which free limbs (arms and head, all of a robot that hangs) aim ahead."""
     levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
     """Highest first: a level is never traded for a lower one. In an overlay an entry that is only a name is that level

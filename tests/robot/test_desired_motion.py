@@ -170,10 +170,10 @@ def test_only_what_carries_nothing_is_led_and_is_as_fast_as_its_servos() -> None
     reached = reader.read(stance.q)
     pelvis, hand = list(op3().profile.landmarks).index("pelvis"), LIMBS.index("l_hand")
 
-    def goals(servo_lead: float) -> tuple[float, float]:
+    def goals(lag_compensation: float) -> tuple[float, float]:
         """How far the goals of a hand and of the pelvis are ahead, m."""
         motion = DesiredMotion(
-            op3(), hierarchy, LIMITS, still=STILL, trunk_at_stance=reader.trunk_at_stance, lag_compensation=servo_lead
+            op3(), hierarchy, LIMITS, still=STILL, trunk_at_stance=reader.trunk_at_stance, lag_compensation=lag_compensation
         )
         targets = hierarchy.blank()
         for tick in range(100):
