@@ -11,8 +11,7 @@ import pytest
 
 from faulty_bus import FaultKind, MockFault
 from followers import DT, follower, op3
-from gates import DrivenGate, displacement
-from hardware.bus import ServoGoals, ServoStates
+from gates import DrivenGate, displacement, sent
 from hardware.clock import VirtualClock
 from hardware.errors import BusError
 from hardware.guard import CheckedGoal
@@ -26,7 +25,7 @@ from retarget.human.samples import Playback
 from retarget.ik.whole_body_stop import StopPath
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
-from retarget.model.robot import RobotBody, load_robot
+from retarget.model.robot import load_robot
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.controllers import rest_joints
@@ -34,13 +33,12 @@ from retarget.run.loop import Ending, RowObserver
 from retarget.run.options import PhysicsOptions, RunOptions, name_with_mass, priority_names
 from retarget.run.prepare import limbs_of, make_gate, prepare
 from retarget.run.record import Phase, Record, RecordRows, TickRecorder
-from retarget.run.run_result import RunResult
 from retarget.run.supervisor import FORCED_STOP
 from retarget.safety.gate import Gate
 from retarget.safety.standing import StandingCheck
 from retarget.schema.priorities import load_priorities
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
-from rig import Rig, StubFollower, StubReconstructor, gentle_stop, person, play, short_clip
+from rig import Rig, StubReconstructor, gentle_stop, person, play, short_clip
 from sim.faults.sender import FakeSender
 from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
@@ -80,43 +78,28 @@ def ramp() -> FloatArray:
     return script
 
 
-def written(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[list[int]]:
-    """Everything that goes onto the bus, filled while the rig plays; the first is the present posture, at arming."""
-    goals: list[list[int]] = []
-    write = rig.bus.write
-
-    def noted(wanted: ServoGoals) -> None:
-        write(wanted)
-        goals.append(wanted.ticks.tolist())
-
-    monkeypatch.setattr(rig.bus, "write", noted)
-    return goals
+def assert_within_limits(rig: Rig, record: Record) -> FloatArray:
+    """The joints (T, n) rad that were sent, the first ones included, from rest to rest."""
+    sent = np.vstack([record.start, record.q[:, rig.robot.servo_columns]])
+    assert limit_violations(sent, rig.robot.limits, rig.dt) == LimitViolations(0, 0, 0)
+    return sent
 
 
-def test_every_tick_has_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_tick_has_a_row() -> None:
+    """From rest to rest within all limits."""
     rig = Rig(ramp())
-    goals = written(rig, monkeypatch)
     ending = play(rig)
-    record, robot = ending.record, ending.record.robot
-    assert robot is not None
-    assert (ending.state, ending.reason) == (RunState.OFF, None)
-    assert len(record) == len(robot.q) == len(record.human_q)
-    assert robot.goal_ticks.tolist() == goals[1:]
+    record = ending.record
+    assert (ending.state, ending.reason) == (RunState.OFF, None) and not rig.bus.torque_on
+    assert len(record) == len(record.q) == len(record.human_q)
+    np.testing.assert_array_equal(record.goal_ticks, rig.bus.written[1:])
     phases = record.phase.tolist()
     assert phases == sorted(phases) and phases.count(Phase.FOLLOW) == TICKS
     assert phases.count(Phase.APPROACH) > 0 and phases.count(Phase.BRAKE) > 0
-    assert np.isfinite(robot.q).all() and np.isfinite(record.human_joints).all() and np.isfinite(robot.present).all()
+    assert all(np.isfinite(values).all() for values in (record.q, record.human_joints, record.present))
     assert record.time == pytest.approx((np.arange(len(record)) - phases.count(Phase.APPROACH)) / 125.0)
-    assert not robot.gated.any()
-    assert not rig.bus.torque_on
-
-
-def test_the_whole_motion_from_rest_to_rest_keeps_the_limits() -> None:
-    rig = Rig(ramp())
-    robot = play(rig).record.robot
-    assert robot is not None
-    sent = np.vstack([robot.start, robot.q[:, rig.robot.servo_columns]])
-    assert limit_violations(sent, rig.robot.limits, rig.dt) == LimitViolations(0, 0, 0)
+    assert not record.gated.any()
+    sent = assert_within_limits(rig, record)
     last = np.abs(np.diff(sent[-2:], axis=0)[0])
     assert (last <= rig.robot.limits.max_acceleration * rig.dt**2 * (1.0 + 1e-9)).all()
 
@@ -126,52 +109,43 @@ def test_a_jump_is_gated_and_the_follower_is_reseeded() -> None:
     script[10:, 3] = 1.0
     rig = Rig(script)
     record = play(rig).record
-    robot, first = record.robot, record.following.start
-    assert robot is not None
-    assert robot.gated[first + 10 : record.following.stop].all() and not robot.gated[: first + 10].any()
-    assert len(rig.follower.reseeded) >= np.count_nonzero(robot.gated)
-    np.testing.assert_array_equal(rig.follower.reseeded[-1], robot.q[-1, rig.robot.servo_columns])
-    assert np.abs(np.diff(robot.q[:, rig.robot.servo_columns], axis=0)).max() < 0.01
+    first, joints = record.following.start, record.q[:, rig.robot.servo_columns]
+    assert record.gated[first + 10 : record.following.stop].all() and not record.gated[: first + 10].any()
+    assert len(rig.follower.reseeded) >= np.count_nonzero(record.gated)
+    np.testing.assert_array_equal(rig.follower.reseeded[-1], joints[-1])
+    assert np.abs(np.diff(joints, axis=0)).max() < 0.01
 
 
 def test_a_goal_that_is_not_finite_stops_nothing_and_is_not_sent() -> None:
     script = still()
     script[20] = np.nan
     record = play(Rig(script)).record
-    robot = record.robot
-    assert robot is not None
-    assert np.flatnonzero(robot.no_command[record.following]).tolist() == [20]
-    assert np.isfinite(robot.q).all() and not robot.gated.any()
+    assert np.flatnonzero(record.no_command[record.following]).tolist() == [20]
+    assert np.isfinite(record.q).all() and not record.gated.any()
 
 
 def test_a_lost_bus_stops() -> None:
     rig = Rig(still(), faults=(MockFault(FaultKind.READ_FAILS, first=20, cycles=1000),))
     ending = play(rig)
-    assert ending.state is RunState.FAULT and ending.reason is not None
+    assert ending.state is RunState.FAULT and len(ending.record) == 19  # read cycle 0 was for arming
     shows(ending.reason)
-    assert ending.record.robot is not None and len(ending.record) == 19  # read cycle 0 was for arming
 
 
 @pytest.mark.parametrize("after", [0, 1, 60])
-def test_a_stop_asked_for_during_the_approach_is_carried_out(after: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_asked_for_during_the_approach_is_carried_out(after: int) -> None:
     asked = iter([False] * after + [True])
     rig = Rig(still() + np.linspace(-0.4, 0.4, 20))
-    goals = written(rig, monkeypatch)
     ending = play(rig, Asks(lambda: next(asked)))
-    record, robot = ending.record, ending.record.robot
-    assert robot is not None
-    assert ending.state is RunState.OFF and ending.reason == ENOUGH
+    record = ending.record
+    assert (ending.state, ending.reason) == (RunState.OFF, ENOUGH)
     assert np.count_nonzero(record.phase == Phase.APPROACH) == after
     assert set(record.phase.tolist()) <= {Phase.APPROACH, Phase.BRAKE}
-    assert robot.goal_ticks.tolist() == goals[1:] and not robot.gated.any()
-    assert record.following == slice(0, 0) and not np.isfinite(robot.landmarks_asked).any()
+    np.testing.assert_array_equal(record.goal_ticks, rig.bus.written[1:])
+    assert not record.gated.any() and record.following == slice(0, 0) and not np.isfinite(record.landmarks_asked).any()
     if after == 60:
-        # It stops on the line that it goes.
-        path = robot.q[:, rig.robot.servo_columns] - robot.start
+        path = assert_within_limits(rig, record)[1:] - record.start
         line = path[-1] / np.linalg.norm(path[-1])
-        assert np.linalg.norm(path - np.outer(path @ line, line), axis=1).max() < 1e-12
-        sent = np.vstack([robot.start, robot.q[:, rig.robot.servo_columns]])
-        assert limit_violations(sent, rig.robot.limits, rig.dt) == LimitViolations(0, 0, 0)
+        assert np.linalg.norm(path - np.outer(path @ line, line), axis=1).max() < 1e-12, "it stops on its line"
         assert len(record) - after > 1
 
 
@@ -192,17 +166,9 @@ def test_a_tick_that_fails_after_its_goal_sends_no_second_one(monkeypatch: pytes
 @pytest.mark.parametrize("error", [BusError("no answer"), OSError("no such device")])
 def test_torque_that_cannot_be_switched_off_is_said(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(still())
-    torque = rig.bus.torque
-
-    def stuck(on: bool) -> None:
-        if not on:
-            raise error
-        torque(on)
-
-    monkeypatch.setattr(rig.bus, "torque", stuck)
+    monkeypatch.setattr(rig.bus, "torque", failing(rig.bus.torque, error, range(2, 100)))  # on, then off
     ending = play(rig)
     assert ending.state is RunState.FAULT and len(ending.record) > 50
-    assert ending.reason is not None
     shows(ending.reason)
 
 
@@ -212,68 +178,32 @@ MOVING = 130
 """A tick of `swing` in which the robot moves."""
 
 
-def reads(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The times, s, at which the servos are read, filled while the rig plays; the first is at arming."""
-    times: list[float] = []
-    read = rig.bus.read
-
-    def noted() -> ServoStates:
-        times.append(rig.clock.now())
-        return read()
-
-    monkeypatch.setattr(rig.bus, "read", noted)
-    return times
-
-
 def test_the_tick_that_fails_brakes_too(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(swing(0.3))
-    goals, times = written(rig, monkeypatch), reads(rig, monkeypatch)
     broken = failing(rig.follower.step, ArithmeticError("the stage broke"), [13])
     monkeypatch.setattr(rig.follower, "step", broken)
     ending = play(rig)
     assert (ending.state, ending.reason) == (RunState.OFF, "the stage broke")
-    assert len(goals) == len(times) - 1, "one in every tick but the last, in which torque goes off"
-
-
-class NotedClearance:
-    """Notes what the check of collisions is given."""
-
-    def __init__(self) -> None:
-        self.began, self.measured = list[FloatArray](), list[FloatArray]()
-        self.goals, self.standing = list[FloatArray](), list[FloatArray]()
-
-    def begin(self, position: FloatArray) -> None:
-        self.began.append(position)
-
-    def measure(self, position: FloatArray, sent: FloatArray) -> None:
-        self.measured.append(position)
-        self.goals.append(sent)
-
-    def __call__(
-        self, path: FloatArray, instead: FloatArray, standing: FloatArray, *, walk: StopPath | None = None
-    ) -> bool:
-        self.standing.append(standing)
-        return True
+    assert len(rig.bus.written) == len(rig.bus.read_at) - 1, "one in every tick but the last, in which torque goes off"
 
 
 def test_the_check_of_collisions_knows_the_servos_and_the_goals() -> None:
-    rig, noted = Rig(swing(0.1)), NotedClearance()
-    rig.gate.clearance = noted  # type: ignore[assignment]
-    robot = play(rig).record.robot
-    assert robot is not None
-    np.testing.assert_array_equal(noted.began, [robot.start])
-    np.testing.assert_array_equal(noted.measured[:-1], robot.present)
-    np.testing.assert_array_equal(noted.goals, [robot.start, *robot.q[:, rig.robot.servo_columns]])
-    moving = slice(MOVING, MOVING + 10)  # on its soles
-    np.testing.assert_array_equal(noted.standing[moving.start + 1 : moving.stop + 1], robot.q[moving])
+    rig, noted = Rig(swing(0.1)), Mock()
+    rig.gate.clearance = noted
+    record = play(rig).record
+    measured, goals = zip(*(call.args for call in noted.measure.call_args_list), strict=True)
+    np.testing.assert_array_equal(noted.begin.call_args.args, [record.start])
+    np.testing.assert_array_equal(measured[:-1], record.present)
+    np.testing.assert_array_equal(goals, [record.start, *record.q[:, rig.robot.servo_columns]])
+    standing = [call.args[2] for call in noted.call_args_list]
+    np.testing.assert_array_equal(standing[MOVING + 1 : MOVING + 11], record.q[MOVING : MOVING + 10])  # on its soles
 
 
 def test_a_stop_leads_to_rest() -> None:
     rig = Rig(ramp(), goes_to_rest=True)
     ending = play(rig)
     assert (ending.state, ending.reason) == (RunState.OFF, None) and len(rig.follower.returns) == 1
-    assert rig.guard.goal is not None
-    np.testing.assert_array_equal(rig.guard.goal.joints, rest_joints(rig.robot))
+    np.testing.assert_array_equal(sent(rig.guard), rest_joints(rig.robot))
 
 
 def test_a_second_stop_switches_torque_off_at_once() -> None:
@@ -304,15 +234,12 @@ def test_a_silent_bus_is_held_and_followed_again() -> None:
 
 def test_on_its_way_to_rest_a_robot_gets_there_though_the_bus_is_silent_again_and_again() -> None:
     """It brakes on its line each time, and goes on."""
-    faults = [
-        MockFault(FaultKind.MISSING, first=first, cycles=2, servo=servo)
-        for first in range(200, 800, 25)
-        for servo in range(20)
-    ]
+    silent = [(first, servo) for first in range(200, 800, 25) for servo in range(20)]
+    faults = [MockFault(FaultKind.MISSING, first=first, cycles=2, servo=servo) for first, servo in silent]
     rig, rows = Rig(still(), goes_to_rest=True, faults=faults), list[RunState]()
     ending = play(rig, None, RowObserver(lambda record, row: rows.append(rig.supervisor.state)))
-    assert (ending.state, ending.reason) == (RunState.OFF, None) and ending.record.robot is not None
-    way = ending.record.robot.goals[rows.index(RunState.GO_TO_REST) - 1 :]
+    assert (ending.state, ending.reason) == (RunState.OFF, None)
+    way = ending.record.goals[rows.index(RunState.GO_TO_REST) - 1 :]
     assert len(way) * rig.dt < 3.0
     assert np.linalg.matrix_rank(way - way[-1], tol=1e-6) == 1
 
@@ -327,7 +254,7 @@ def test_a_warm_robot_follows_more_slowly(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_a_late_tick_is_skipped_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(swing(0.1))
-    times, follow = reads(rig, monkeypatch), rig.follower.step
+    follow = rig.follower.step
 
     def slow(human: HumanPosture, dt: float) -> RobotPosture:
         rig.clock.advance(2.5 * rig.dt if rig.follower.tick == 12 else 0.0)
@@ -335,60 +262,52 @@ def test_a_late_tick_is_skipped_and_counted(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(rig.follower, "step", slow)
     ending = play(rig)
-    between = np.diff(times[1:]) / rig.dt
+    between = np.diff(rig.bus.read_at[1:]) / rig.dt
     assert ending.late_ticks == 1 and between.max() == pytest.approx(2.5) and between.min() == pytest.approx(1.0)
 
 
-class PlanningFollower(StubFollower):
-    """Plans a gentle stop from each posture of its script."""
-
-    def stop(self, dt: float) -> StopPath | None:
-        before, q = (self._made(max(tick, 0)).q for tick in (self.tick - 2, self.tick - 1))
-        return gentle_stop(self.robot, before, q, dt)
-
-
-def test_from_a_refused_goal_on_the_robot_goes_along_the_stop_that_was_planned_with_the_last_one() -> None:
+def refused_from_12() -> FloatArray:
     script = swing(0.3)
     script[12:, 3] = 1.0
-    rig = Rig(script)
-    rig.follower = follower = PlanningFollower(rig.robot, script)
+    return script
+
+
+def test_from_a_refused_goal_on_the_robot_goes_along_the_stop_that_was_planned_with_the_last_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = Rig(refused_from_12())
+    follower = rig.follower
+
+    def planned(dt: float) -> StopPath:
+        before, q = (follower._made(max(tick, 0)).q for tick in (follower.tick - 2, follower.tick - 1))
+        return gentle_stop(rig.robot, before, q, dt)
+
+    monkeypatch.setattr(follower, "stop", planned)
     rig.gate.standing = StandingCheck(rig.robot, follower.stance, dt=rig.dt)
-    rig.machine = replace(rig.machine, follower=follower)
     ending = play(rig)
-    robot = ending.record.robot
-    assert (ending.state, ending.reason) == (RunState.OFF, None) and robot is not None
+    record = ending.record
+    assert (ending.state, ending.reason) == (RunState.OFF, None)
     follower.tick = 12
-    stop = follower.stop(rig.dt)
-    assert stop is not None and 5 < len(stop.postures) < TICKS - 12
-    columns, last = rig.robot.servo_columns, ending.record.following.start + 11
-    assert not robot.gated[: last + 1].any() and robot.gated[last + 1 : ending.record.following.stop].all()
-    sent = robot.q[last : last + len(stop.postures), columns]
-    np.testing.assert_allclose(sent, stop.postures[:, columns], rtol=0.0, atol=1e-12)
+    stop = planned(rig.dt).postures
+    assert 5 < len(stop) < TICKS - 12
+    columns, last = rig.robot.servo_columns, record.following.start + 11
+    assert not record.gated[: last + 1].any() and record.gated[last + 1 : record.following.stop].all()
+    np.testing.assert_allclose(record.q[last : last + len(stop), columns], stop[:, columns], rtol=0.0, atol=1e-12)
 
 
-class RecallingFollower(StubFollower):
-    """Notes the posture that it was reseeded with last, at every step."""
+def test_after_a_refused_goal_the_follower_goes_on_from_what_was_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, recalled = Rig(refused_from_12()), list[list[FloatArray]]()
+    step = rig.follower.step
 
-    def __init__(self, robot: RobotBody, script: FloatArray) -> None:
-        super().__init__(robot, script)
-        self.recalled: list[FloatArray | None] = []
+    def noted(human: HumanPosture, dt: float) -> RobotPosture:
+        recalled.append(rig.follower.reseeded[-1:])
+        return step(human, dt)
 
-    def step(self, human: HumanPosture, dt: float) -> RobotPosture:
-        self.recalled.append(self.reseeded[-1] if self.reseeded else None)
-        return super().step(human, dt)
-
-
-def test_after_a_refused_goal_the_follower_goes_on_from_what_was_sent() -> None:
-    script = swing(0.3)
-    script[12:, 3] = 1.0
-    rig = Rig(script)
-    rig.follower = follower = RecallingFollower(rig.robot, script)
-    rig.machine = replace(rig.machine, follower=follower)
+    monkeypatch.setattr(rig.follower, "step", noted)
     record = play(rig).record
-    assert record.robot is not None
-    sent = record.robot.q[record.following][:, rig.robot.servo_columns]
+    sent = record.q[record.following][:, rig.robot.servo_columns]
     assert np.abs(sent[13] - sent[12]).max() > 1e-4, "it still brakes"
-    np.testing.assert_array_equal([*follower.recalled[13:17]], sent[12:16])
+    np.testing.assert_array_equal(recalled[13:17], sent[12:16, None])
 
 
 # The gate of a robot: what it compensates, and what it checks; which runs have deadlines.
@@ -399,18 +318,18 @@ def standing() -> FloatArray:
     return op3().posture(op3().profile.postures.stand)[op3().servo_columns]
 
 
-WITH_MASS = RunOptions(robot="op3", bus="physics")
+def driven_gate(priorities: str) -> DrivenGate:
+    """The gate of OP3 with mass, driven from `stand`."""
+    options = RunOptions(robot="op3", bus="physics")
+    gate = make_gate(op3(), follower(priorities=priorities), load_priorities(priorities), options, dt=DT)
+    assert type(gate) is Gate and gate.clearance is not None
+    gate.clearance.begin(standing())
+    return DrivenGate(gate, standing(), op3().posture(op3().profile.postures.stand))
 
 
 @pytest.mark.parametrize(("name", "compensates"), [("servo", False), ("balanced", True)])
 def test_priorities_say_whether_goals_are_compensated(name: str, compensates: bool) -> None:
-    gate = make_gate(
-        op3(), follower(priorities=name), load_priorities(name), RunOptions(robot="op3", bus="physics"), dt=DT
-    )
-    assert type(gate) is Gate and gate.clearance is not None
-    present = standing()
-    gate.clearance.begin(present)
-    driven = DrivenGate(gate, present, op3().posture(op3().profile.postures.stand))
+    driven, present = driven_gate(name), standing()
     for _ in range(200):
         goal = driven.check(present)
         assert goal is not None and np.array_equal(goal.posture, present)
@@ -420,18 +339,8 @@ def test_priorities_say_whether_goals_are_compensated(name: str, compensates: bo
 
 def test_compensated_goals_are_checked_for_collision() -> None:
     """An arm that is lowered into the hip is refused before it is there."""
-    gate = make_gate(
-        op3(),
-        follower(priorities="balanced"),
-        load_priorities("balanced"),
-        RunOptions(robot="op3", bus="physics"),
-        dt=DT,
-    )
-    assert gate.clearance is not None
-    present, joints = standing(), op3().joint_map
+    driven, present, joints = driven_gate("balanced"), standing(), op3().joint_map
     shoulder, elbow = joints.joints.index("l_sho_roll"), joints.joints.index("l_el")
-    driven = DrivenGate(gate, present, op3().posture(op3().profile.postures.stand))
-    gate.clearance.begin(present)
     passed = []
     for _ in range(400):
         target = present.copy()
@@ -495,28 +404,22 @@ def test_what_comes_after_the_last_room_is_not_kept() -> None:
     assert late.time.tolist() == [6, 7, 8, 9] and not (late.from_start or late.to_end)
 
 
-def played(*, pause: range = range(0), duration: float = 1.0) -> RunResult:
-    """A live run in which the operator pauses the robot in these ticks, counted from the first."""
-    rig, tick = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=duration)), 0
-    with rig.prepared() as prepared:
-
-        def stop_asked() -> bool:
-            nonlocal tick
-            assert isinstance(prepared.samples, LivePerformer)
-            prepared.samples.clutch(engaged=tick not in pause)
-            tick += 1
-            return False
-
-        return prepared.run(Asks(stop_asked))
-
-
 @pytest.mark.long
 def test_an_approach_that_is_held_up_misses_no_tick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its ticks came in time, and the robot kept its limits."""
     monkeypatch.setattr("retarget.run.record.LONGEST_APPROACH_S", 2.2)
-    run = played(pause=range(40, 400))
-    sent, report = run.record.robot, measure(run)
-    assert sent is not None and report.bus is not None and not run.record.from_start
+    rig, ticks = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0)), iter(range(10**6))
+    with rig.prepared() as prepared:
+        samples = prepared.samples
+        assert isinstance(samples, LivePerformer)
+
+        def pauses() -> bool:
+            samples.clutch(engaged=next(ticks) not in range(40, 400))
+            return False
+
+        run = prepared.run(Asks(pauses))
+    report = measure(run)
+    assert report.bus is not None and not run.record.from_start
     assert report.bus.missed_ticks == 0 and report.bus.longest_period_ms == pytest.approx(8.0)
     assert report.limit_violations == LimitViolations(0, 0, 0)
     assert {*run.record.phase.tolist()} == {Phase.APPROACH, Phase.FOLLOW, Phase.BRAKE}
@@ -536,21 +439,18 @@ def test_of_a_long_motion_the_beginning_is_kept(monkeypatch: pytest.MonkeyPatch)
     assert report.limit_violations == LimitViolations(0, 0, 0)
 
 
-# What a run is asked to be, about its bus.
-
-
-@pytest.mark.parametrize("bus", ["mock", "none", "profile", "/dev/ttyUSB0"])
-def test_faults_are_the_emulator_s(bus: str) -> None:
-    with refuses(UsageError):
-        RunOptions(robot="op3", bus=bus, faults=Path("faults.yaml"))
+@pytest.mark.parametrize("option", ["faults", "gate"])
+@pytest.mark.parametrize("bus", ["mock", "none", "profile", "/dev/ttyUSB0", "./link"])
+def test_faults_are_the_emulator_s_and_real_servos_are_never_moved_without_the_gate(bus: str, option: str) -> None:
+    real = bus not in ("mock", "none")
+    assert RunOptions(robot="op3", bus=bus).simulated is not real
+    if option == "faults" or real:
+        with refuses(UsageError):
+            RunOptions(robot="op3", bus=bus, **{option: {"faults": Path("faults.yaml"), "gate": False}[option]})  # type: ignore[arg-type]
     assert RunOptions(robot="op3", bus="emulator", faults=Path("faults.yaml")).simulated
 
 
-@pytest.mark.parametrize("bus", ["profile", "/dev/ttyUSB0", "./link"])
-def test_real_servos_are_never_moved_without_the_gate(bus: str) -> None:
-    assert not RunOptions(robot="op3", bus=bus).simulated
-    with refuses(UsageError):
-        RunOptions(robot="op3", bus=bus, gate=False)
+# What a run is asked to be, about its bus.
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -46,8 +47,8 @@ class Run(RunObserver):
     """A run in which everything moves, with the operator of the command line. It looks on at each tick."""
 
     def __init__(self) -> None:
-        self.rig, self.request, self.page, self.screen = Rig(SWING), StopRequest(), Page(), Screen()
-        self.broken, self.control, self.failing = Control(), Control(), RunObserver()
+        self.rig, self.request, self.page, self.screen = Rig(SWING), StopRequest(), Once(), Mock()
+        self.broken, self.control, self.failing = Once(), Once(), RunObserver()
         self.rig.machine = replace(self.rig.machine, notify=lambda text: self.screen.show(text))
         prepared: Any = SimpleNamespace(samples=None, machine=self.rig.machine, clock=self.rig.clock)
         page: Any = self.page
@@ -64,24 +65,23 @@ class Run(RunObserver):
     def plant(self, stage: Stage, monkeypatch: pytest.MonkeyPatch, ask: Callable[["Run"], object]) -> list[int]:
         """Let each method raise once, and a person ask in that moment. Returns the ticks, filled as they do."""
         raised: list[int] = []
+
+        def once(call: Callable[..., Any]) -> Callable[..., Any]:
+            left = iter([True])
+
+            def planted(*args: Any, **words: Any) -> Any:
+                followed = sum(tick.output is not None and tick.output.followed is not None for tick in self.ticks)
+                if followed >= AT and next(left, False):
+                    raised.append(len(self.ticks))
+                    ask(self)
+                    raise stage.error(FAILS)
+                return call(*args, **words)
+
+            return planted
+
         for owner, name in stage.of(self):
-            monkeypatch.setattr(owner, name, self._once(getattr(owner, name), stage.error, raised, ask))
+            monkeypatch.setattr(owner, name, once(getattr(owner, name)))
         return raised
-
-    def _once(
-        self, call: Callable[..., Any], error: type[Exception], raised: list[int], ask: Callable[["Run"], object]
-    ) -> Callable[..., Any]:
-        left = iter([True])
-
-        def planted(*args: Any, **words: Any) -> Any:
-            followed = sum(tick.output is not None and tick.output.followed is not None for tick in self.ticks)
-            if followed >= AT and next(left, False):
-                raised.append(len(self.ticks))
-                ask(self)
-                raise error(FAILS)
-            return call(*args, **words)
-
-        return planted
 
     def play(self) -> Ending:
         return play(self.rig, self.operator, self.failing, self)
@@ -94,35 +94,17 @@ class Run(RunObserver):
         return latched and goal is not None and not goal.passed
 
 
-class Control:
-    """A control of the command line, which asks once."""
+class Once:
+    """A control of the command line, or the button of a web page: asks once for a stop."""
 
-    asked: tuple[ControlRequest, str] | None = None
-
-    def poll(self, now: float) -> Iterator[tuple[ControlRequest, str]]:
-        asked, self.asked = self.asked, None
-        return iter([] if asked is None else [asked])
-
-
-class Page:
-    """The button of a web page, which is pressed once."""
-
-    pressed = False
+    asks = False
 
     def stop_requested(self) -> bool:
-        pressed, self.pressed = self.pressed, False
-        return pressed
+        asked, self.asks = self.asks, False
+        return asked
 
-
-class Screen:
-    """What the news of a run are shown on."""
-
-    def show(self, text: str) -> None:
-        pass
-
-
-def controller(run: Run) -> tuple[Any, str]:
-    return run.rig.follower, "step"
+    def poll(self, now: float) -> Iterator[tuple[ControlRequest, str]]:
+        return iter([(ControlRequest.STOP, WHY)] if self.stop_requested() else [])
 
 
 STAGES = {
@@ -134,9 +116,9 @@ STAGES = {
     "health": Stage(lambda run: [(run.rig.guard.health, "check")]),
     "supervisor": Stage(lambda run: [(run.rig.supervisor, "step")]),
     "reconstructor": Stage(lambda run: [(StubReconstructor, "step")]),
-    "follower": Stage(lambda run: [controller(run)]),
+    "follower": Stage(lambda run: [(run.rig.follower, "step")]),
     "gate": Stage(lambda run: [(run.rig.gate, "check")]),
-    "brake": Stage(lambda run: [controller(run), (run.rig.gate, "brake")], torque_off=True),
+    "brake": Stage(lambda run: [(run.rig.follower, "step"), (run.rig.gate, "brake")], torque_off=True),
     "write, no bus": Stage(lambda run: [(run.rig.bus, "write")], BusError, torque_off=True),
     "write": Stage(lambda run: [(run.rig.guard, "write")]),
     "reseed_follower": Stage(lambda run: [(RobotMotion, "reseed_follower")]),
@@ -146,13 +128,10 @@ STAGES = {
 }
 SOURCES: dict[str, Callable[[Run], object]] = {
     "signal": lambda run: run.request.request(WHY),
-    "page": lambda run: setattr(run.page, "pressed", True),
-    **{
-        name: lambda run: setattr(run.control, "asked", (ControlRequest.STOP, WHY))
-        for name in ("key", "pedal", "file", "socket")
-    },
+    "page": lambda run: setattr(run.page, "asks", True),
+    "control": lambda run: setattr(run.control, "asks", True),
 }
-"""What a person does. Controls are one stand-in: the operator does not tell them apart."""
+"""What a person does. A control is a key, a pedal, a file or a socket: the operator does not tell them apart."""
 
 
 @pytest.fixture

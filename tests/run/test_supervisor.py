@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from guard_rig import Rig
 from hardware.clock import VirtualClock
 from hardware.errors import BusError
-from hardware.guard import FALL_DRIVE, Guard, Torque
-from hardware.guard_state import StopCategory, StopCause
+from hardware.guard import FALL_DRIVE, Torque
+from hardware.guard_state import Stop, StopCategory, StopCause
 from messages import shows
 from planted import failing
 from retarget.human.samples import PerformerInput
@@ -47,26 +47,32 @@ NOTHING, MOVES = OperatorInput(), PerformerInput()
 STOP, TORQUE_OFF = OperatorInput(stop="space bar"), OperatorInput(torque_off=True)
 
 
-def step(
-    supervisor: Supervisor,
-    now: float,
-    situation: Situation,
-    guard: Guard,
-    operator: OperatorInput = NOTHING,
-    performer: PerformerInput = MOVES,
-) -> RunState:
-    """The state of a tick at `now`, s."""
-    return supervisor.step(now, operator, performer, situation, guard)
-
-
-def running(*, state: RunState = RunState.FOLLOW) -> tuple[Supervisor, Rig]:
+class Run(Rig):
     """A supervisor in a state, and an armed guard."""
-    rig, supervisor = Rig(), Supervisor()
-    rig.arm()
-    for event in (Event.READY, Event.ARMED, Event.ARRIVED):
-        assert supervisor.take(event, 0.0)
-    supervisor.state = state
-    return supervisor, rig
+
+    def __init__(self, state: RunState = RunState.FOLLOW) -> None:
+        super().__init__()
+        self.supervisor = Supervisor()
+        self.arm()
+        for event in (Event.READY, Event.ARMED, Event.ARRIVED):
+            assert self.supervisor.take(event, 0.0)
+        self.supervisor.state = state
+
+    def step(
+        self, now: float, situation: Situation, operator: OperatorInput = NOTHING, performer: PerformerInput = MOVES
+    ) -> RunState:
+        """The state of a tick at `now`, s."""
+        return self.supervisor.step(now, operator, performer, situation, self.guard)
+
+    def fail(self, now: float, reason: str, cause: StopCause = StopCause.SOURCE) -> RunState:
+        """The state after a tick that fails."""
+        self.supervisor.fail(now, reason, cause, self.guard, may_brake=cause is not StopCause.BUS)
+        return self.supervisor.state
+
+    @property
+    def stop(self) -> Stop:
+        assert self.guard.stop is not None
+        return self.guard.stop
 
 
 # The table.
@@ -99,14 +105,8 @@ def test_a_robot_that_stops_never_follows_again() -> None:
     after = {RunState.STOPPING}
     for _ in STATES:
         after |= {row.to for (state, _), row in TRANSITIONS.items() if state in after}
-    assert after == {
-        RunState.STOPPING,
-        RunState.RETURN_TO_STANCE,
-        RunState.GO_TO_REST,
-        RunState.STANDING,
-        RunState.FALLING,
-        RunState.OFF,
-        RunState.FAULT,
+    assert {state.name for state in after} == {
+        *("STOPPING", "RETURN_TO_STANCE", "GO_TO_REST", "STANDING", "FALLING", "OFF", "FAULT")
     }
     assert {row.to for (state, _), row in TRANSITIONS.items() if state is RunState.FALLING} == {RunState.FAULT}
 
@@ -117,33 +117,33 @@ FALLS = Situation(approached=True, falls="the robot falls")
 @pytest.mark.parametrize("state", [state for state, event in TRANSITIONS if event is Event.FALLS])
 def test_a_robot_that_falls_gives_way_and_lets_go_once_it_lies(state: RunState) -> None:
     """Whatever it does, and whatever else is wrong."""
-    supervisor, rig = running(state=state)
-    rig.guard.latch(StopCause.TEMPERATURE, "hot")
-    assert step(supervisor, 1.0, FALLS, rig.guard, STOP) is RunState.FALLING
-    assert rig.bus.drives == [FALL_DRIVE] and rig.bus.torque_on
-    assert rig.guard.stop is not None and rig.guard.stop.reason == "hot, then: the robot falls"
+    run = Run(state)
+    run.guard.latch(StopCause.TEMPERATURE, "hot")
+    assert run.step(1.0, FALLS, STOP) is RunState.FALLING
+    assert run.bus.drives == [FALL_DRIVE] and run.bus.torque_on
+    assert run.stop.reason == "hot, then: the robot falls"
     for now in (1.1, 1.0 + LONGEST_FALL_S):
-        assert step(supervisor, now, FALLS, rig.guard, STOP) is RunState.FALLING
-    assert step(supervisor, 1.1 + LONGEST_FALL_S, FALLS, rig.guard, STOP) is RunState.FAULT
-    assert rig.bus.drives == [FALL_DRIVE]
-    assert rig.bus.calls[-1] == "torque off"
+        assert run.step(now, FALLS, STOP) is RunState.FALLING
+    assert run.step(1.1 + LONGEST_FALL_S, FALLS, STOP) is RunState.FAULT
+    assert run.bus.drives == [FALL_DRIVE]
+    assert run.bus.calls[-1] == "torque off"
 
 
 def test_a_long_stop_makes_no_fall_shorter() -> None:
-    supervisor, rig = running()
-    assert supervisor.take(Event.STOP, 0.0)
+    run = Run()
+    run.step(0.0, Situation(), STOP)
     late = LONGEST_STOP_S - 0.5
-    supervisor.state, supervisor.since = RunState.GO_TO_REST, late - 1.0
+    run.supervisor.state, run.supervisor.since = RunState.GO_TO_REST, late - 1.0
     for now in (late, late + 0.9 * LONGEST_FALL_S):
-        assert step(supervisor, now, FALLS, rig.guard) is RunState.FALLING
+        assert run.step(now, FALLS) is RunState.FALLING
 
 
 def test_a_robot_whose_drive_cannot_be_limited_loses_its_torque(monkeypatch: pytest.MonkeyPatch) -> None:
-    supervisor, rig = running()
-    monkeypatch.setattr(rig.bus, "limit_drive", failing(rig.bus.limit_drive, BusError("gone"), [1]))
-    assert step(supervisor, 1.0, FALLS, rig.guard) is RunState.FALLING
-    assert rig.bus.calls[-1] == "torque off" and rig.guard.torque is Torque.OFF
-    assert step(supervisor, 1.1, FALLS, rig.guard) is RunState.FAULT
+    run = Run()
+    monkeypatch.setattr(run.bus, "limit_drive", failing(run.bus.limit_drive, BusError("gone"), [1]))
+    assert run.step(1.0, FALLS) is RunState.FALLING
+    assert run.bus.calls[-1] == "torque off" and run.guard.torque is Torque.OFF
+    assert run.step(1.1, FALLS) is RunState.FAULT
 
 
 def test_every_state_in_which_the_robot_neither_follows_nor_stands_has_a_time_limit() -> None:
@@ -183,157 +183,157 @@ def test_a_live_performer_is_measured_before_the_robot_is_armed() -> None:
 
 
 def test_a_hold_ends_in_a_stop_with_its_reason() -> None:
-    supervisor, rig = running()
-    step(supervisor, 1.0, LOST, rig.guard)
-    assert step(supervisor, 1.0 + LONGEST_HOLD_S, LOST, rig.guard) is RunState.HOLD
-    assert step(supervisor, 1.1 + LONGEST_HOLD_S, LOST, rig.guard) is RunState.STOPPING
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.STALE_GOAL
-    shows(rig.guard.stop.reason)
+    run = Run()
+    run.step(1.0, LOST)
+    assert run.step(1.0 + LONGEST_HOLD_S, LOST) is RunState.HOLD
+    assert run.step(1.1 + LONGEST_HOLD_S, LOST) is RunState.STOPPING
+    assert run.stop.cause is StopCause.STALE_GOAL
+    shows(run.stop.reason)
 
 
 def test_a_hold_for_a_bus_that_answers_now_and_then_says_how_often() -> None:
-    supervisor, rig = running()
-    health, states, waits = rig.guard.health.buses, rig.bus.read(), Situation(hold_reason=BUS_SILENT, approached=True)
+    run = Run()
+    states, waits = run.bus.read(), Situation(hold_reason=BUS_SILENT, approached=True)
     quiet = replace(states, valid=np.zeros(4, dtype=np.bool_), age=np.full(4, 0.01))
     for tick in range(600):
         is_silent, now = tick % 2 == 0, 1.0 + 0.01 * tick
-        health.silence(replace(quiet if is_silent else states, time=now))
-        step(supervisor, now, waits if is_silent else FOLLOWED, rig.guard)
-    assert supervisor.state is RunState.STOPPING and rig.guard.stop is not None
-    shows(rig.guard.stop.reason)
+        run.guard.health.buses.silence(replace(quiet if is_silent else states, time=now))
+        run.step(now, waits if is_silent else FOLLOWED)
+    assert run.supervisor.state is RunState.STOPPING
+    shows(run.stop.reason)
 
 
 def test_a_robot_that_has_lost_a_limb_goes_by_the_stance_to_rest() -> None:
-    supervisor, rig = running()
-    rig.guard.latch(StopCause.LIMB_LOST, "an arm is silent")
-    assert step(supervisor, 1.0, FOLLOWED, rig.guard) is RunState.STOPPING
-    assert step(supervisor, 1.2, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
-    assert step(supervisor, 1.3, Situation(arrived=True), rig.guard) is RunState.GO_TO_REST
-    rig.guard.latch(StopCause.SERVO_LOST, "a leg is silent")
-    assert step(supervisor, 1.4, Situation(), rig.guard) is RunState.STOPPING
-    assert step(supervisor, 1.6, STANDS, rig.guard) is RunState.FAULT
+    run = Run()
+    run.guard.latch(StopCause.LIMB_LOST, "an arm is silent")
+    assert run.step(1.0, FOLLOWED) is RunState.STOPPING
+    assert run.step(1.2, STANDS) is RunState.RETURN_TO_STANCE
+    assert run.step(1.3, Situation(arrived=True)) is RunState.GO_TO_REST
+    run.guard.latch(StopCause.SERVO_LOST, "a leg is silent")
+    assert run.step(1.4, Situation()) is RunState.STOPPING
+    assert run.step(1.6, STANDS) is RunState.FAULT
 
 
 @pytest.mark.parametrize(("between", "ends"), [(0.9 * COMMANDED_S, True), (1.1 * COMMANDED_S, False)])
 def test_holds_with_single_goals_between_them_count_as_one(between: float, ends: bool) -> None:
-    supervisor, rig = running()
-    step(supervisor, 10.0, LOST, rig.guard)
-    step(supervisor, 13.0, FOLLOWED, rig.guard)
-    step(supervisor, 13.0 + between, LOST, rig.guard)
-    state = step(supervisor, 10.1 + LONGEST_HOLD_S, LOST, rig.guard)
+    run = Run()
+    run.step(10.0, LOST)
+    run.step(13.0, FOLLOWED)
+    run.step(13.0 + between, LOST)
+    state = run.step(10.1 + LONGEST_HOLD_S, LOST)
     assert state is (RunState.STOPPING if ends else RunState.HOLD)
 
 
 def test_a_pause_on_purpose_is_not_counted() -> None:
-    supervisor, rig = running()
+    run = Run()
     paused, waits = PerformerInput(paused=True), Situation(approached=True, hold_reason="paused by the operator")
     for second in range(100):
-        assert step(supervisor, float(second), waits, rig.guard, performer=paused) is RunState.HOLD
-    assert step(supervisor, 99.0 + LONGEST_HOLD_S, LOST, rig.guard) is RunState.HOLD
+        assert run.step(float(second), waits, performer=paused) is RunState.HOLD
+    assert run.step(99.0 + LONGEST_HOLD_S, LOST) is RunState.HOLD
 
 
 @pytest.mark.parametrize("state", AT_RISK)
 @pytest.mark.parametrize("over", [False, True])
 def test_a_stop_that_is_asked_for_and_the_end_stop_the_robot(state: RunState, over: bool) -> None:
-    supervisor, rig = running(state=state)
-    operator, performer = OperatorInput() if over else STOP, PerformerInput(over=over)
-    assert step(supervisor, 1.0, Situation(), rig.guard, operator, performer) is RunState.STOPPING
-    assert (rig.guard.stop is None) == over
-    assert rig.guard.stop is None or rig.guard.stop.cause is StopCause.REQUESTED
+    run = Run(state)
+    operator, performer = NOTHING if over else STOP, PerformerInput(over=over)
+    assert run.step(1.0, Situation(), operator, performer) is RunState.STOPPING
+    assert run.guard.stop is None if over else run.stop.cause is StopCause.REQUESTED
 
 
 @pytest.mark.parametrize(
     "state", [state for state, row in STATES.items() if row.torque and state not in (*AT_RISK, RunState.STANDING)]
 )
 def test_a_forced_stop_switches_torque_off_at_once(state: RunState) -> None:
-    supervisor, rig = running(state=state)
-    assert step(supervisor, 1.0, Situation(arrived=True, stands=True), rig.guard, TORQUE_OFF) is RunState.FAULT
-    assert rig.guard.torque is Torque.OFF and not rig.bus.torque_on
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.REQUESTED
+    run = Run(state)
+    assert run.step(1.0, Situation(arrived=True, stands=True), TORQUE_OFF) is RunState.FAULT
+    assert run.guard.torque is Torque.OFF and not run.bus.torque_on
+    assert run.stop.cause is StopCause.REQUESTED
 
 
 @pytest.mark.parametrize("state", [state for state, row in STATES.items() if row.torque])
 def test_torque_that_the_guard_switched_off_ends_the_run(state: RunState) -> None:
-    supervisor, rig = running(state=state)
-    rig.guard.switch_off(StopCause.BUS_SILENT, "no answer")
-    assert step(supervisor, 1.0, FOLLOWED, rig.guard) is RunState.FAULT
+    run = Run(state)
+    run.guard.switch_off(StopCause.BUS_SILENT, "no answer")
+    assert run.step(1.0, FOLLOWED) is RunState.FAULT
 
 
 @pytest.mark.parametrize("state", AT_RISK)
 def test_a_stop_that_the_guard_latched_stops_the_robot(state: RunState) -> None:
-    supervisor, rig = running(state=state)
-    rig.guard.latch(StopCause.STALE_GOAL, "no tick")
-    assert step(supervisor, 1.0, FOLLOWED, rig.guard) is RunState.STOPPING
-    assert step(supervisor, 1.1, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
+    run = Run(state)
+    run.guard.latch(StopCause.STALE_GOAL, "no tick")
+    assert run.step(1.0, FOLLOWED) is RunState.STOPPING
+    assert run.step(1.1, STANDS) is RunState.RETURN_TO_STANCE
 
 
 def test_a_stop_in_the_last_tick_keeps_its_reason() -> None:
-    supervisor, rig = running()
-    assert step(supervisor, 1.0, Situation(), rig.guard, STOP, PerformerInput(over=True)) is RunState.STOPPING
-    assert rig.guard.stop is not None and rig.guard.stop.reason == "space bar"
+    run = Run()
+    assert run.step(1.0, Situation(), STOP, PerformerInput(over=True)) is RunState.STOPPING
+    assert run.stop.reason == "space bar"
 
 
 def test_a_hold_that_was_too_long_does_not_resume() -> None:
-    supervisor, rig = running()
-    step(supervisor, 1.0, LOST, rig.guard)
-    assert step(supervisor, 1.1 + LONGEST_HOLD_S, FOLLOWED, rig.guard) is RunState.STOPPING
+    run = Run()
+    run.step(1.0, LOST)
+    assert run.step(1.1 + LONGEST_HOLD_S, FOLLOWED) is RunState.STOPPING
 
 
 @pytest.mark.parametrize("state", [*AT_RISK, RunState.RETURN_TO_STANCE, RunState.GO_TO_REST])
 def test_a_fault_brakes_and_does_not_lead_to_rest(state: RunState) -> None:
-    supervisor, rig = running(state=state)
-    rig.guard.latch(StopCause.SERVO_ALERT, "too hot")
-    assert step(supervisor, 1.0, FOLLOWED, rig.guard) is RunState.STOPPING
-    assert rig.guard.torque is Torque.ON
-    assert step(supervisor, 1.1, STANDS, rig.guard) is RunState.FAULT
+    run = Run(state)
+    run.guard.latch(StopCause.SERVO_ALERT, "too hot")
+    assert run.step(1.0, FOLLOWED) is RunState.STOPPING
+    assert run.guard.torque is Torque.ON
+    assert run.step(1.1, STANDS) is RunState.FAULT
 
 
 def test_a_stop_goes_by_the_stance_to_rest() -> None:
-    supervisor, rig = running()
-    step(supervisor, 1.0, Situation(), rig.guard, STOP)
-    assert step(supervisor, 1.1, Situation(approached=True), rig.guard) is RunState.STOPPING
-    assert step(supervisor, 1.2, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
-    assert step(supervisor, 1.3, Situation(arrived=True, stands=True), rig.guard) is RunState.GO_TO_REST
-    assert step(supervisor, 1.4, Situation(arrived=True, stands=True), rig.guard) is RunState.OFF
-    assert supervisor.over and not supervisor.torque
+    """Straight to rest from the straight approach."""
+    run, there = Run(), Situation(arrived=True, stands=True)
+    run.step(1.0, Situation(), STOP)
+    assert run.step(1.1, Situation(approached=True)) is RunState.STOPPING
+    assert run.step(1.2, STANDS) is RunState.RETURN_TO_STANCE
+    assert run.step(1.3, there) is RunState.GO_TO_REST
+    assert run.step(1.4, there) is RunState.OFF
+    assert run.supervisor.over and not run.supervisor.torque
+    run = Run(RunState.APPROACH)
+    run.step(1.0, Situation(), STOP)
+    assert run.step(1.1, Situation(stands=True, straight=True, end=End.AT_REST)) is RunState.GO_TO_REST
 
 
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_return_to_stance_that_is_broken_off_is_not_tried_again(fails: bool) -> None:
-    supervisor, rig = running()
-    step(supervisor, 1.0, Situation(), rig.guard, STOP)
-    assert step(supervisor, 1.1, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
+    run = Run()
+    run.step(1.0, Situation(), STOP)
+    assert run.step(1.1, STANDS) is RunState.RETURN_TO_STANCE
     now = 1.2 + LONGEST_RETURN_S * (not fails)
-    if fails:
-        supervisor.fail(now, "it broke", StopCause.SOURCE, rig.guard, may_brake=True)
-    else:
-        assert step(supervisor, now, Situation(), rig.guard) is RunState.STOPPING
-    assert step(supervisor, now + 0.1, STANDS, rig.guard) is RunState.GO_TO_REST
+    assert (run.fail(now, "it broke") if fails else run.step(now, Situation())) is RunState.STOPPING
+    assert run.step(now + 0.1, STANDS) is RunState.GO_TO_REST
 
 
 @pytest.mark.parametrize("state", [RunState.STOPPING, RunState.RETURN_TO_STANCE, RunState.GO_TO_REST])
 def test_a_stop_has_a_bound_as_a_whole(state: RunState) -> None:
-    supervisor, rig = running()
-    step(supervisor, 1.0, Situation(), rig.guard, STOP)
-    supervisor.state, supervisor.since = state, 1.0 + LONGEST_STOP_S
-    assert step(supervisor, 1.0 + LONGEST_STOP_S, Situation(), rig.guard) is state
-    assert step(supervisor, 1.1 + LONGEST_STOP_S, Situation(), rig.guard) is TRANSITIONS[state, Event.TIMEOUT].to
+    run = Run()
+    run.step(1.0, Situation(), STOP)
+    run.supervisor.state, run.supervisor.since = state, 1.0 + LONGEST_STOP_S
+    assert run.step(1.0 + LONGEST_STOP_S, Situation()) is state
+    assert run.step(1.1 + LONGEST_STOP_S, Situation()) is TRANSITIONS[state, Event.TIMEOUT].to
 
 
 def test_braking_has_a_bound() -> None:
-    supervisor, rig = running()
-    step(supervisor, 1.0, Situation(), rig.guard, STOP)
-    assert step(supervisor, 1.1 + LONGEST_BRAKE_S, Situation(), rig.guard) is RunState.FAULT
-    assert rig.guard.torque is Torque.OFF and rig.guard.stop is not None
-    shows(rig.guard.stop.reason)
+    run = Run()
+    run.step(1.0, Situation(), STOP)
+    assert run.step(1.1 + LONGEST_BRAKE_S, Situation()) is RunState.FAULT
+    assert run.guard.torque is Torque.OFF
+    shows(run.stop.reason)
 
 
 @pytest.mark.parametrize("state", [RunState.RETURN_TO_STANCE, RunState.GO_TO_REST])
 def test_the_way_to_rest_has_a_bound(state: RunState) -> None:
-    supervisor, rig = running(state=state)
-    after = step(supervisor, 1.0 + STATES[state].limit_s, Situation(), rig.guard)
+    run = Run(state)
+    after = run.step(1.0 + STATES[state].limit_s, Situation())
     assert after is TRANSITIONS[state, Event.TIMEOUT].to
-    assert (rig.guard.stop is not None) == (state is RunState.GO_TO_REST), "a run that does not end at rest failed"
+    assert (run.guard.stop is not None) == (state is RunState.GO_TO_REST), "a run that does not end at rest failed"
 
 
 # A tick that fails.
@@ -341,47 +341,35 @@ def test_the_way_to_rest_has_a_bound(state: RunState) -> None:
 
 @pytest.mark.parametrize("state", AT_RISK)
 def test_a_failure_stops_the_robot_with_its_cause(state: RunState) -> None:
-    supervisor, rig = running(state=state)
-    supervisor.fail(1.0, "it broke", StopCause.SOURCE, rig.guard, may_brake=True)
-    assert supervisor.state is RunState.STOPPING and rig.guard.stop is not None
-    assert (rig.guard.stop.cause, rig.guard.stop.reason) == (StopCause.SOURCE, "it broke")
+    run = Run(state)
+    assert run.fail(1.0, "it broke") is RunState.STOPPING
+    assert (run.stop.cause, run.stop.reason) == (StopCause.SOURCE, "it broke")
 
 
 @pytest.mark.parametrize("state", [state for state, row in STATES.items() if row.torque])
 def test_a_failure_of_the_bus_costs_the_torque(state: RunState) -> None:
-    supervisor, rig = running(state=state)
-    supervisor.fail(1.0, "port gone", StopCause.BUS, rig.guard, may_brake=False)
-    assert supervisor.state is RunState.FAULT and rig.guard.torque is Torque.OFF
+    run = Run(state)
+    assert run.fail(1.0, "port gone", StopCause.BUS) is RunState.FAULT and run.guard.torque is Torque.OFF
 
 
 def test_only_the_operator_a_servo_or_the_bus_take_the_torque_of_a_robot_that_cannot_go_to_rest() -> None:
-    supervisor, rig = running(state=RunState.GO_TO_REST)
-    supervisor.fail(1.0, "it broke", StopCause.SOURCE, rig.guard, may_brake=True)
-    assert supervisor.state is RunState.STANDING
-    supervisor.fail(1.05, "it broke again", StopCause.FILTER, rig.guard, may_brake=True)
+    run = Run(RunState.GO_TO_REST)
+    assert run.fail(1.0, "it broke") is RunState.STANDING
+    run.fail(1.05, "it broke again", StopCause.FILTER)
     for now in (1.1, 1e3, 1e6):
-        assert step(supervisor, now, STANDS, rig.guard) is RunState.STANDING
-    assert rig.guard.torque is Torque.ON and rig.guard.stop is not None
-    assert rig.guard.stop.reason == "it broke, then: it broke again"
-    assert step(supervisor, 2e6, Situation(), rig.guard, TORQUE_OFF) is RunState.OFF
-    supervisor, rig = running(state=RunState.STANDING)
-    rig.guard.latch(StopCause.TEMPERATURE, "hot")
-    assert step(supervisor, 1.1, STANDS, rig.guard) is RunState.FAULT
+        assert run.step(now, STANDS) is RunState.STANDING
+    assert run.guard.torque is Torque.ON and run.stop.reason == "it broke, then: it broke again"
+    assert run.step(2e6, Situation(), TORQUE_OFF) is RunState.OFF
+    run = Run(RunState.STANDING)
+    run.guard.latch(StopCause.TEMPERATURE, "hot")
+    assert run.step(1.1, STANDS) is RunState.FAULT
 
 
 @pytest.mark.parametrize("straight", [False, True])
 def test_a_run_that_is_to_end_standing_stands_in_its_stance_or_where_it_was_on_its_way_there(straight: bool) -> None:
-    supervisor, rig = running(state=RunState.STOPPING)
+    run = Run(RunState.STOPPING)
     stands = Situation(stands=True, straight=straight, end=End.STANDING)
     if not straight:
-        assert step(supervisor, 1.1, stands, rig.guard) is RunState.RETURN_TO_STANCE
+        assert run.step(1.1, stands) is RunState.RETURN_TO_STANCE
         stands = Situation(arrived=True, end=End.STANDING)
-    assert step(supervisor, 1.2, stands, rig.guard) is RunState.STANDING
-
-
-def test_on_the_straight_approach_a_stop_goes_straight_to_rest() -> None:
-    supervisor, rig = running(state=RunState.APPROACH)
-    step(supervisor, 1.0, Situation(), rig.guard, STOP)
-    assert (
-        step(supervisor, 1.1, Situation(stands=True, straight=True, end=End.AT_REST), rig.guard) is RunState.GO_TO_REST
-    )
+    assert run.step(1.2, stands) is RunState.STANDING

@@ -9,6 +9,8 @@ import numpy as np
 
 from faulty_bus import FaultyBus
 from followers import op3, performer
+from hardware.arrays import TickArray
+from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import VirtualClock
 from hardware.guard import Guard
 from retarget.frames import SensorSample
@@ -150,6 +152,25 @@ def gentle_stop(robot: RobotBody, before: FloatArray, q: FloatArray, dt: float) 
     return StopPath(np.array(postures))
 
 
+class NotedBus(FaultyBus):
+    """A bus that notes when it is read, s, and the goals (n,) that reach it, ticks; the first of both is at arming."""
+
+    read_at: list[float]
+    written: list[TickArray]
+
+    def open(self) -> None:
+        self.read_at, self.written = [], []
+        super().open()
+
+    def read(self) -> ServoStates:
+        self.read_at.append(self._clock.now())
+        return super().read()
+
+    def write(self, goals: ServoGoals) -> None:
+        super().write(goals)
+        self.written.append(goals.ticks)
+
+
 class Rig:
     """OP3 on a mock bus with a scripted follower."""
 
@@ -160,7 +181,7 @@ class Rig:
         self.dt = 1.0 / self.robot.profile.safety.rate_hz
         stand = self.robot.posture(self.robot.profile.postures.stand)[self.robot.servo_columns]
         start = self.robot.joint_map.to_ticks(stand)
-        self.bus = FaultyBus(self.robot.joint_map.servos, self.clock, start=start, **bus_options)  # type: ignore[arg-type]
+        self.bus = NotedBus(self.robot.joint_map.servos, self.clock, start=start, **bus_options)  # type: ignore[arg-type]
         self.bus.open()
         self.gate = Gate(self.robot.joint_map, dt=self.dt)
         self.guard = Guard(bus=self.bus, joint_map=self.robot.joint_map)
