@@ -1,23 +1,22 @@
 """Priority files compiled for a body: names become targets, what is not set is absent."""
 
 from dataclasses import replace
-from functools import cache, partial
-from typing import Any, cast
+from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
-from followers import op3
+from followers import op3, stance
 from messages import refuses
 from retarget.errors import ConfigError
-from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
-from retarget.ik.support_polygon import half_spaces, plant
-from retarget.ik.tasks import Limb, SlotKind, compile_task
-from retarget.model.body import JointType
+from retarget.ik.hierarchy import Hierarchy, body_frames
+from retarget.ik.support_polygon import half_spaces
+from retarget.ik.tasks import Limb, Slot, SlotKind, compile_task
+from retarget.model.body import BodyModel, JointType
 from retarget.model.human import Human, build_human, human_limits
 from retarget.model.human_dimensions import proportional_dimensions
-from retarget.model.robot import load_robot, plant_root
-from retarget.model.scene_state import ObstaclePoses, SceneState
+from retarget.model.robot import plant_root
 from retarget.schema.priorities import (
     AxisTask,
     CarriedTask,
@@ -31,7 +30,6 @@ from retarget.schema.priorities import (
     ReactiveTask,
     Task,
 )
-from retarget.schema.scene import Scene
 from retarget.types import FloatArray
 
 LEVELS: tuple[dict[str, Any], ...] = (
@@ -70,19 +68,15 @@ def settled(hierarchy: Hierarchy, targets: np.ndarray, frames: int = 200) -> np.
     return q
 
 
-def test_labels_follow_the_levels_and_empty_levels_keep_their_place() -> None:
+def test_named_targets_are_reached_and_what_is_not_set_is_absent() -> None:
+    """Labels follow the levels, of which an empty one keeps its place."""
     hierarchy = compiled()
     assert hierarchy.labels == (
         *("over_root over_root", "position l_ankle", "position r_ankle", "position l_wrist", "position head"),
         *("posture stand", "previous previous"),
     )
     assert len(hierarchy.solver.task_errors) == len(hierarchy.labels)
-
-
-def test_named_targets_are_reached_and_what_is_not_set_is_absent() -> None:
-    hierarchy = compiled()
-    targets = hierarchy.blank()
-    hand = np.array([0.35, 0.25, 1.2])
+    targets, hand = hierarchy.blank(), np.array([0.35, 0.25, 1.2])
     hierarchy.set_position(targets, "l_wrist", hand)
     hierarchy.set_position(targets, "l_ankle", np.array([0.0, 0.1, 0.09]))
     hierarchy.set_position(targets, "unknown", hand)
@@ -93,12 +87,8 @@ def test_named_targets_are_reached_and_what_is_not_set_is_absent() -> None:
     errors = dict(zip(hierarchy.labels, hierarchy.solver.task_errors, strict=True))
     assert np.isnan(errors["position head"]) and np.isnan(errors["position r_ankle"])
     assert errors["over_root over_root"] < 1e-6
-
-
-def test_many_positions_at_once_are_the_same_as_one_by_one() -> None:
-    hierarchy = compiled()
-    names = ("head", "pelvis", "l_wrist", "l_ankle")
-    block = np.arange(16.0).reshape(4, 4) + 1.0
+    # Many at once are the same as one by one.
+    names, block = ("head", "pelvis", "l_wrist", "l_ankle"), np.arange(16.0).reshape(4, 4) + 1.0
     one_by_one, at_once = hierarchy.blank(), hierarchy.blank()
     for name, row in zip(names, block, strict=True):
         hierarchy.set_position(one_by_one, name, row[1:], row[0])
@@ -145,6 +135,8 @@ ON_LEFT: tuple[dict[str, Any], ...] = (
 
 
 def test_a_task_of_a_phase_weighs_as_much_as_the_phase_is_there() -> None:
+    with refuses(ConfigError, "position of l_wrist", "left", "for a human"):
+        compiled(ON_LEFT)  # a body whose phases are unknown
     hierarchy = compiled(ON_LEFT, phased=True)
     body, stand = human().body.solver_body(), human().posture("stand")
     place = {name: human().body.frame(name).body for name in ("l_ankle", "r_ankle", "chest", "l_wrist")}
@@ -160,11 +152,6 @@ def test_a_task_of_a_phase_weighs_as_much_as_the_phase_is_there() -> None:
     assert away[0] > away[1] > away[2] > away[3]
 
 
-def test_a_body_whose_phases_nobody_knows_takes_no_task_of_one() -> None:
-    with refuses(ConfigError, "position of l_wrist", "left", "for a human"):
-        compiled(ON_LEFT)
-
-
 def test_support_edges_fill_their_slots() -> None:
     support = {"type": "centre_of_mass", "mode": "support"}
     hierarchy = compiled(({"name": "balance", "tasks": (support,)}, LEVELS[-1]))
@@ -176,7 +163,8 @@ def test_support_edges_fill_their_slots() -> None:
     assert 0.1 - 1e-6 <= com[0] <= 0.2 + 1e-6 and abs(com[1]) <= 0.05 + 1e-6
 
 
-def test_unknown_names_are_refused_with_the_nearest() -> None:
+def test_what_a_body_or_a_landmark_does_not_have_is_refused() -> None:
+    """A weight per length was taken as one per metre, or as a frame that the body does not have."""
     task: dict[str, Any] = {"type": "position", "of": ("l_wirst",)}
     with refuses(ConfigError, next_step="l_wrist"):
         compiled(({"name": "hands", "tasks": (task,)},))
@@ -185,55 +173,28 @@ def test_unknown_names_are_refused_with_the_nearest() -> None:
         compiled(({"name": "posture", "tasks": ({"type": "posture", "towards": "stnad"},)},))
     with refuses(ConfigError, next_step="spine"):
         compiled(({"name": "posture", "tasks": ({"type": "posture", "stiffness": {"spnie": 1.0}},)},))
+    for optional in (True, False):
+        task = {"type": "position", "of": ("l_wrist",), "per": "length", "optional": optional}
+        with refuses(ConfigError, "l_wrist", "per length"):
+            compiled(({"name": "hands", "tasks": (task,)},))
 
 
-@pytest.mark.parametrize("optional", [True, False])
-def test_a_weight_per_length_of_what_has_none_is_refused(optional: bool) -> None:
-    """It was taken as one per metre, or as a frame that the body does not have."""
-    task = {"type": "position", "of": ("l_wrist",), "per": "length", "optional": optional}
-    with refuses(ConfigError, "l_wrist", "per length"):
-        compiled(({"name": "hands", "tasks": (task,)},))
+def compile_for(body: BodyModel, task: Task, **more: Any) -> list[Slot]:
+    """The tasks of the solver for one of a priority file."""
+    frames = body_frames(body)
+    limbs = {"l_arm": Limb(frames["chest"], frames["l_wrist"], 0.5)}
+    usual = {"frames": frames, "fed": (), "is_soft": True, "limbs": limbs, "lengths": {}}
+    return list(compile_task(task, body, **(usual | more)))
 
 
 def test_a_root_that_is_not_free_or_sensors_that_a_body_does_not_have_carry_nothing() -> None:
-    carried = CarriedTask(type="carried", by={"head": 1.0, "l_ankle": 1.0}, settle=0.1)
-    body = human().body
-    compile_carried = partial(compile_task, carried, fed=(), is_soft=True, limbs={}, lengths={})
-    assert [slot.kind for slot in compile_carried(body, body_frames(body))] == [SlotKind.CARRIED]
+    carried, body = CarriedTask(type="carried", by={"head": 1.0, "l_ankle": 1.0}, settle=0.1), human().body
+    assert [slot.kind for slot in compile_for(body, carried)] == [SlotKind.CARRIED]
     with refuses(ConfigError, "l_ankle", "a carried task names what the body does not have"):
-        compile_carried(body, {"head": body.frame("head")})
+        compile_for(body, carried, frames={"head": body.frame("head")})
     fixed = replace(body, joint_type=np.full_like(body.joint_type, JointType.HINGE))
     with refuses(ConfigError, "a carried task is for a free root"):
-        compile_carried(fixed, body_frames(body))
-
-
-BALL: dict[str, Any] = {"shape": {"sphere": {"radius": 0.1}}, "velocity": (1.0, 0.0, 0.0), "at": {"pos": (0, 0, 1)}}
-
-
-class Receiver:
-    """In place of a hierarchy: records the obstacle poses that it gets."""
-
-    def __init__(self) -> None:
-        self.received: list[ObstaclePoses] = []
-
-    def set_obstacles(self, poses: ObstaclePoses) -> None:
-        self.received.append(poses)
-
-    def tick(self, obstacles: SceneObstacles, dt: float = 0.5) -> tuple[float, float]:
-        """Place and speed along x that one tick sets."""
-        obstacles.tick(cast(Hierarchy, self), dt)
-        return float(self.received[-1].position[0, 0]), float(self.received[-1].linear_velocity[0, 0])
-
-
-def ball() -> SceneObstacles:
-    return SceneObstacles(SceneState(Scene.model_validate({"name": "a", "description": "b", "obstacles": {"b": BALL}})))
-
-
-# One task of a priority file becomes tasks of the solver.
-
-BODY = build_human(proportional_dimensions(1.7)).body
-FRAMES = body_frames(BODY)
-LIMBS = {"l_arm": Limb(FRAMES["chest"], FRAMES["l_wrist"], 0.5)}
+        compile_for(fixed, carried)
 
 
 @pytest.mark.parametrize(
@@ -250,19 +211,16 @@ LIMBS = {"l_arm": Limb(FRAMES["chest"], FRAMES["l_wrist"], 0.5)}
         (ReactiveTask(type="reactive"), []),
     ],
 )
-def test_kinds(task: Task, kinds: list[SlotKind]) -> None:
+def test_one_task_of_a_priority_file_becomes_tasks_of_the_solver(task: Task, kinds: list[SlotKind]) -> None:
+    """Those that nothing feeds are left out, but for axes."""
+    body = human().body
     for is_soft in (False, True):
-        slots = compile_task(task, BODY, FRAMES, fed=FRAMES, is_soft=is_soft, limbs=LIMBS, lengths={})
+        slots = compile_for(body, task, fed=body_frames(body), is_soft=is_soft)
         assert [slot.kind for slot in slots] == kinds
-
-
-def test_tasks_that_nothing_feeds_are_left_out_but_axes_are_not() -> None:
-    position = PositionTask(type="position", of=("head", "l_wrist"))
-    assert [
-        slot.name for slot in compile_task(position, BODY, FRAMES, fed={"head"}, is_soft=False, limbs=LIMBS, lengths={})
-    ] == ["head"]
-    axis = AxisTask(type="axis", of=("pelvis",), axis=(0, 0, 1), direction=(0, 0, 1))
-    assert len(compile_task(axis, BODY, FRAMES, fed=(), is_soft=False, limbs=LIMBS, lengths={})) == 1
+    if isinstance(task, PositionTask):
+        assert [slot.name for slot in compile_for(body, task, fed={"head"}, is_soft=False)] == ["head"]
+    if isinstance(task, AxisTask):
+        assert len(compile_for(body, task, is_soft=False)) == 1
 
 
 def test_weights_per_length_count_errors_in_lengths_of_the_landmark() -> None:
@@ -276,43 +234,22 @@ def test_weights_per_length_count_errors_in_lengths_of_the_landmark() -> None:
         return settled(hierarchy, targets, frames=5)
 
     task = {"type": "position", "of": ("l_wrist", "head"), "weight": 1.0, "per": "length"}
-    per_metre = (
-        {"type": "position", "of": "l_wrist", "weight": 4.0},
-        {"type": "position", "of": "head", "weight": 2.0},
-    )
+    weights = {"l_wrist": 4.0, "head": 2.0}
+    per_metre = tuple({"type": "position", "of": of, "weight": weight} for of, weight in weights.items())
     lengths = {"l_wrist": 0.25, "head": 0.5}
     assert (reached((task,), lengths=lengths) == reached(per_metre)).all()
     with pytest.raises(ConfigError):
         reached((task,), lengths={"l_wrist": 0.25})
 
 
-# The base pose from the lower sole.
-
-STANCE = plant(op3(), op3().profile.postures.stand)
-
-
-def bent(side: str, knee: float) -> FloatArray:
-    """The standing posture with one leg drawn up, its root somewhere else."""
-    sign = 1.0 if side == "l" else -1.0
-    angles = dict(op3().profile.postures.stand)
-    angles[f"{side}_knee"] += sign * knee
-    angles[f"{side}_hip_pitch"] -= sign * 0.5 * knee
-    angles[f"{side}_ank_pitch"] += sign * 0.5 * knee
-    q = op3().posture(angles)
-    q[:3] += [0.3, -0.2, 0.1]
-    return q
-
-
 def test_the_sole_stays_when_the_joints_move() -> None:
-    robot = load_robot("op3")
-    before = plant(robot, robot.profile.postures.stand).q
+    before = stance().q
     q = before.copy()
-    q[robot.servo_columns] += np.random.default_rng(0).uniform(-0.2, 0.2, 20)
+    q[op3().servo_columns] += np.random.default_rng(0).uniform(-0.2, 0.2, 20)
     q[:7] = np.nan
-    plant_root(robot, before, q)
+    plant_root(op3(), before, q)
     both = np.stack([before, q])
-    soles = robot.points(both, ("l_sole", "r_sole"))
-    turns = robot.orientations(both, ("l_sole", "r_sole"))
+    soles, turns = op3().points(both, ("l_sole", "r_sole")), op3().orientations(both, ("l_sole", "r_sole"))
     foot = int(np.argmin(soles[0, :, 2]))
     np.testing.assert_allclose(soles[1, foot], soles[0, foot], atol=1e-12)
     np.testing.assert_allclose(np.abs(np.sum(turns[1, foot] * turns[0, foot])), 1.0, atol=1e-12)

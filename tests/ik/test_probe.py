@@ -3,48 +3,30 @@
 import numpy as np
 import pytest
 
+from followers import op3, stance
 from messages import refuses
 from retarget._solver import Footing, Probe
-from retarget.ik.support_polygon import plant, support_distance
-from retarget.model.robot import load_robot
-from retarget.types import FloatArray
+from retarget.ik.support_polygon import support_distance
 
-ROBOT = load_robot("op3")
-BODY = ROBOT.body.solver_body()
-STANCE = plant(ROBOT, ROBOT.profile.postures.stand)
-LINKS, ORIENTED = [3, 7, 3], [1, 5]
-LOCAL = np.array([[0.1, 0.0, -0.02], [0.0, 0.03, 0.0], [0.0, 0.0, 0.0]])
+BODY = op3().kinematics
 
 
-def postures(count: int, seed: int = 3) -> FloatArray:
-    rng = np.random.default_rng(seed)
-    return np.array([BODY.integrate(STANCE.q, 0.3 * rng.standard_normal(BODY.nv)) for _ in range(count)])
-
-
-def test_footing_gives_the_worst_of_a_path() -> None:
-    sole = STANCE.soles[0]
+def test_footing_gives_the_worst_of_a_path_and_nan_is_never_a_small_loss() -> None:
+    sole, stand = stance().soles[0], stance().q
     links, planted = [sole.frame.body] * len(sole.corners), np.insert(sole.outline, 2, 0.0, axis=1)
-    edges = STANCE.edges(0.0)
+    edges = stance().edges(0.0)
     footing = Footing(BODY, links, sole.corners, planted, edges)
-    off, inside = footing.losses(STANCE.q[None])
-    assert off < 1e-6
-    assert inside > 0.0
-    way = postures(10)
-    off, inside = footing.losses(way)
-    gone = np.linalg.norm(BODY.points(way, links, sole.corners) - planted, axis=2)
+    off, inside = footing.losses(stand[None])
+    assert off < 1e-6 and inside > 0.0
+    random = np.random.default_rng(3)
+    path = np.array([BODY.integrate(stand, 0.3 * random.standard_normal(BODY.nv)) for _ in range(10)])
+    off, inside = footing.losses(path)
+    gone = np.linalg.norm(BODY.points(path, links, sole.corners) - planted, axis=2)
     assert off == pytest.approx(gone.max(), abs=1e-12)
-    assert inside == pytest.approx(support_distance(BODY.centre_of_mass(way), edges).min(), abs=1e-12)
-
-
-def test_nan_in_a_posture_is_never_a_small_loss() -> None:
-    sole = STANCE.soles[0]
-    links, planted = [sole.frame.body] * len(sole.corners), np.insert(sole.outline, 2, 0.0, axis=1)
-    footing = Footing(BODY, links, sole.corners, planted, STANCE.edges(0.0))
-    bad = STANCE.q.copy()
+    assert inside == pytest.approx(support_distance(BODY.centre_of_mass(path), edges).min(), abs=1e-12)
+    bad = stand.copy()
     bad[0] = np.nan
-    off, inside = footing.losses(np.array([STANCE.q, bad, STANCE.q]))
-    assert np.isnan(off)
-    assert np.isnan(inside)
+    assert np.isnan(footing.losses(np.array([stand, bad, stand]))).all()
 
 
 def test_what_does_not_fit_is_refused() -> None:
@@ -55,4 +37,4 @@ def test_what_does_not_fit_is_refused() -> None:
     with refuses(ValueError):
         Probe(BODY, [1], np.zeros((2, 3)), [])
     with refuses(ValueError):
-        Probe(BODY, LINKS, LOCAL, ORIENTED).read(np.zeros(3))
+        Probe(BODY, [3, 7], np.zeros((2, 3)), [1, 5]).read(np.zeros(3))

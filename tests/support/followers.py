@@ -8,7 +8,7 @@ import numpy as np
 
 from retarget.frames import SensorFrames
 from retarget.human.calibration import dimensions_from_skeleton
-from retarget.ik.support_polygon import support_distance
+from retarget.ik.support_polygon import Stance, plant, support_distance
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.robot import RobotBody, load_robot
 from retarget.report.tracking import ReferenceMotion
@@ -21,9 +21,23 @@ DT = 1.0 / 125.0
 """Tick of the OP3, s."""
 
 
+ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
+"""The shipped ones."""
+
+
 @cache
+def shipped(name: str) -> RobotBody:
+    return load_robot(name)
+
+
 def op3() -> RobotBody:
-    return load_robot("op3")
+    return shipped("op3")
+
+
+@cache
+def stance(name: str = "op3") -> Stance:
+    """A shipped robot on its soles, as in `stand`."""
+    return plant(shipped(name), shipped(name).profile.postures.stand)
 
 
 @cache
