@@ -1,4 +1,4 @@
-"""The body file of a drafted profile: MJCF with simple shapes, which stands by itself."""
+"""The body file of a drafted profile: MJCF with simple shapes that needs no other file."""
 
 import re
 from collections.abc import Iterable
@@ -21,26 +21,25 @@ from retarget.setup.shape_fit import NAME, LinkShape, fitted_shapes
 from retarget.types import FloatArray
 
 FAR_TOO_LARGE = 5.0
-"""A mesh of so many times the distance between the joints is in another unit."""
+"""A mesh larger than this multiple of the distance between the joints is in another unit."""
 WHOLE_TURN = 2.0 * np.pi + 1e-3
-"""[rad] A limit beyond it may be in degrees."""
+"""Greatest limit in rad. Greater ones may be in degrees."""
 MOST_LOOKS, LEAST_VERTICES, LOOK_DECIMALS = 11_000, 4, 5
-"""Triangles of all meshes that stay for pictures, about (`meshes.MOST_TRIANGLES` shows them all); corners of one that
-MuJoCo takes, and decimals, m, of their places."""
+"""Triangles of all visual meshes, about (`meshes.MOST_TRIANGLES` shows them all), fewest vertices of a mesh in MuJoCo,
+and decimals of vertices in m."""
 _THIN = re.compile(r"mesh volume is too small: (\S+)")
 
-
 Looks = dict[tuple[str, tuple[float, float, float] | None], Mesh]
-"""By the name of a link and a colour, what is seen of it."""
+"""Visual meshes by link and colour."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyDraft:
-    """spec, model: `mujoco.MjSpec` and `mujoco.MjModel` of the source, meshes and all, with the names of the body that
-    is written. content: that body, MJCF. shapes: of its links, which stand for meshes there. notes: what was changed,
-    for the user. limits: joint -> what was changed of its limits. speeds: joint -> rad/s that the file states. welded:
-    True if its torso is fixed to a link `world`. hints: names of the meshes, which may tell servos. too_large: meshes
-    that are in another unit, in words, else empty. looks: for pictures, see `_looks`."""
+    """A drafted body. spec, model: `mujoco.MjSpec` and `mujoco.MjModel` of the source with its meshes, and with the
+    names of the written body. content: the written MJCF. shapes: of its links, in place of meshes. notes: changes, for
+    the user. limits: joint -> change of its limits. speeds: joint -> rad/s in the file. welded: True if its torso is
+    fixed to a link `world`. hints: names of meshes, which may name servos. too_large: a sentence on meshes in another
+    unit, or "". looks: for pictures, see `_looks`."""
 
     spec: Any
     model: Any
@@ -56,10 +55,8 @@ class BodyDraft:
 
 
 def draft_body(source: Source, *, no_meshes: bool = False) -> BodyDraft:
-    """The body that is written next to the profile. no_meshes: leave out meshes that cannot be read.
-
-    Raises InputError: the body cannot be used, or takes too much to be compiled, see `try_in_child`.
-    """
+    """Draft the body of a profile. no_meshes: leave out unreadable meshes. Raises InputError if the body cannot be
+    used, or takes too much to compile, see `try_in_child`."""
     engine()
     work = partial(_drafted, source, no_meshes=no_meshes)
     try_in_child(work, source=str(source.path))
@@ -72,13 +69,13 @@ def _drafted(source: Source, *, no_meshes: bool) -> BodyDraft:
     except InputError as error:
         if source.root.find("link/visual") is None:
             raise
-        # What is only seen refuses no body.
+        # Faulty visual meshes do not refuse a body.
         draft = _read_and_written(source, no_meshes=no_meshes, sees=False)
         return replace(draft, notes=(*draft.notes, f"its <visual> meshes are left out: {error.problems[0].what}"))
 
 
 def _read_and_written(source: Source, *, no_meshes: bool, sees: bool) -> BodyDraft:
-    """The draft; sees: with the <visual> shapes of links that have others to collide with."""
+    """Draft a body. sees: also keep <visual> shapes of links with <collision> shapes."""
     mujoco = engine()
     meshes, spec = MeshFiles(source.path, leaves_out=no_meshes), None
     ready = ReadyUrdf("", [])
@@ -86,7 +83,7 @@ def _read_and_written(source: Source, *, no_meshes: bool, sees: bool) -> BodyDra
         if source.kind == "urdf":
             ready = ready_urdf(source, meshes, no_meshes=no_meshes, looks=sees)
             spec = mujoco.MjSpec.from_string(ready.text)
-            for joint in spec.joints:  # MuJoCo keeps no difference between no limits and limits that it drops
+            for joint in spec.joints:  # MuJoCo does not distinguish no limits from limits that it drops
                 joint.limited = joint.name in ready.limited
             spec.compiler.balanceinertia = True
             spec.compiler.boundmass = max(spec.compiler.boundmass, 1e-9)
@@ -124,7 +121,7 @@ def _read_and_written(source: Source, *, no_meshes: bool, sees: bool) -> BodyDra
 
 
 def facing_x(body: BodyDraft, forward: FloatArray) -> BodyDraft:
-    """Turn a body about the vertical so that `forward` (3,) is along x (REP-103)."""
+    """Rotate a body about the vertical so that `forward` (3,) is along x (REP-103)."""
     turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), -np.arctan2(forward[1], forward[0]))
     for base in body.spec.worldbody.bodies:
         base.pos = rotations.rotate(turn, base.pos)
@@ -136,7 +133,7 @@ def facing_x(body: BodyDraft, forward: FloatArray) -> BodyDraft:
 
 
 def _compiled(spec: Any) -> Any:
-    """The model, with meshes of no volume as shells."""
+    """Compile the model, with meshes without volume as shells."""
     shell = engine().mjtMeshInertia.mjMESH_INERTIA_SHELL
     while True:
         try:
@@ -150,7 +147,7 @@ def _compiled(spec: Any) -> Any:
 
 
 def _strip(spec: Any) -> None:
-    """Leave out what only a simulation or a picture needs; materials stay, as default classes may name them."""
+    """Delete parts that only a simulation or a picture needs. Materials stay, since default classes may name them."""
     hfield = engine().mjtGeom.mjGEOM_HFIELD
     for kind in ("keys", "sensors", "equalities", "tendons", "skins", "lights", "cameras"):
         for part in list(getattr(spec, kind)):
@@ -169,7 +166,7 @@ def _strip(spec: Any) -> None:
 
 
 def _looks(spec: Any, model: Any, shapes: tuple[LinkShape, ...], notes: list[str]) -> Looks:
-    """The meshes of links that have one, coarser, one for each colour, for pictures alone."""
+    """Return coarse meshes of links that have some, one for each colour, for pictures."""
     mesh = engine().mjtGeom.mjGEOM_MESH
     meshed = {shape.link_name for shape in shapes if shape.around_mesh}
     shown = {
@@ -188,8 +185,8 @@ def _looks(spec: Any, model: Any, shapes: tuple[LinkShape, ...], notes: list[str
 
 
 def _written(spec: Any, model: Any, shapes: tuple[LinkShape, ...], looks: Looks) -> bytes:
-    """MJCF of the same joints and masses; one simple shape stands for all those of a link that has a mesh, but for
-    looking at."""
+    """Return MJCF with the same joints and masses. One simple shape replaces all colliding ones of a link with a
+    mesh."""
     mujoco = engine()
     spec, mesh = spec.copy(), mujoco.mjtGeom.mjGEOM_MESH
     meshed = {shape.link_name for shape in shapes if shape.around_mesh}
@@ -221,7 +218,7 @@ def _collides(geom: Any) -> bool:
 
 
 def _add_looks(spec: Any, looks: Looks) -> None:
-    """Give links what is seen of them: it collides with nothing and weighs nothing."""
+    """Add visual meshes, which neither collide nor weigh."""
     if not looks:
         return
     mujoco = engine()
@@ -246,7 +243,7 @@ def _add_looks(spec: Any, looks: Looks) -> None:
 
 
 def _far_too_large(model: Any, meshes: MeshFiles) -> str:
-    """A note on meshes that are far larger than the distances between joints: they are in another unit."""
+    """A note on meshes that are far larger than the distances between joints, and so in another unit; "" for none."""
     mujoco = engine()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -267,7 +264,7 @@ def _far_too_large(model: Any, meshes: MeshFiles) -> str:
 
 
 def _rename(spec: Any, notes: list[str]) -> dict[str, str]:
-    """Give every link and joint a name that a profile can hold. Returns the new names of joints by their old ones."""
+    """Give every link and joint a valid name. Returns the new names of joints by their old ones."""
     changed, renamed = [], dict[str, str]()
     for kind, parts in (("link", list(spec.bodies)[1:]), ("joint", list(spec.joints))):
         taken = {part.name for part in parts}
@@ -290,15 +287,19 @@ def _rename(spec: Any, notes: list[str]) -> dict[str, str]:
 
 
 def _mend_limits(spec: Any, source: Source, notes: list[str]) -> dict[str, str]:
-    """Mend limits that MuJoCo would drop: a joint never gets a wider range than the file may mean. Returns joint ->
-    what was changed.
+    """Fix limits that MuJoCo would drop, without widening a range. Returns joint -> change.
 
-    Limits in rad of which at least half are beyond a whole turn are in degrees, all of them. Raises InputError: some
-    are, and it is not clear which; limits that are no numbers; no joint has a range.
+    If at least half of the limits are beyond a whole turn, all are in degrees. Raises InputError if fewer are, for
+    limits that are not numbers, and if no joint has a range.
     """
     mujoco = engine()
     hinges = {joint.name: joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE}
-    read = {name: joint.range.tolist() for name, joint in hinges.items() if _states_limits(joint)}
+    limited = mujoco.mjtLimited
+    read = {
+        name: joint.range.tolist()
+        for name, joint in hinges.items()
+        if joint.limited == limited.mjLIMITED_TRUE or (joint.limited == limited.mjLIMITED_AUTO and joint.range.any())
+    }
 
     def shown(names: Iterable[str]) -> str:
         return listed([f"{name} ({read[name][0]:g} to {read[name][1]:g})" for name in names])
@@ -335,20 +336,14 @@ def _mend_limits(spec: Any, source: Source, notes: list[str]) -> dict[str, str]:
     for name, both in ranges.items():
         if what := " and ".join(kind for kind, (names, _) in kinds.items() if name in names):
             hinges[name].range = np.radians(sorted(both)) if in_degrees else sorted(both)
-            hinges[name].limited = mujoco.mjtLimited.mjLIMITED_TRUE
+            hinges[name].limited = limited.mjLIMITED_TRUE
             changed[name] = f"{what} in the file, {both[0]:g} to {both[1]:g}"
     _make_rigid(spec, [hinges[name] for name in rigid])
     return changed
 
 
-def _states_limits(joint: Any) -> bool:
-    """True for a joint with limits in its file, right or wrong."""
-    kinds = engine().mjtLimited
-    return bool(joint.limited == kinds.mjLIMITED_TRUE or (joint.limited == kinds.mjLIMITED_AUTO and joint.range.any()))
-
-
 def _read_meshes(spec: Any, source: Source, meshes: MeshFiles, notes: list[str], *, no_meshes: bool) -> None:
-    """Read the meshes that an MJCF names. Raises InputError for those that are missing, without --no-meshes."""
+    """Read the meshes of an MJCF. Raises InputError for missing ones, without --no-meshes."""
     absent = {}
     for mesh in list(spec.meshes):
         if not mesh.file:
@@ -372,8 +367,8 @@ def _read_meshes(spec: Any, source: Source, meshes: MeshFiles, notes: list[str],
 
 
 def _freeze_passive(spec: Any, notes: list[str]) -> None:
-    """Make rigid what no servo of its own turns: joints that slide, balls, joints coupled by an equality, and those
-    without an actuator among joints with one."""
+    """Make rigid all joints without a servo of their own: sliding and ball joints, joints coupled by an equality, and
+    those without an actuator if others have one."""
     mujoco = engine()
     driven = {actuator.target for actuator in spec.actuators if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT}
     coupled = {item.name1 for item in spec.equalities if item.type == mujoco.mjtEq.mjEQ_JOINT and item.name2}

@@ -1,4 +1,4 @@
-"""Whether an IMU is mounted as the profile says: a person tilts the robot, and three signs must agree with it."""
+"""Check of how an IMU is mounted: a person tilts the robot, and three signs must agree with the tilt."""
 
 import math
 from collections.abc import Callable
@@ -10,16 +10,16 @@ from hardware.imu import STANDARD_GRAVITY, ImuSample
 from retarget.setup.doctor_machine import DoctorFinding, finding
 
 STILL_S, TILT_S = 1.0, 5.0
-"""Time, s, in which the robot stands still, and in which it is tilted."""
+"""Times in which the robot stands still, and in which it is tilted, s."""
 PERIOD = 0.01
-"""[s] Between two readings."""
+"""Time between two readings, s."""
 LAST = 0.2
-"""Share of a time whose mean counts: the robot is held by then."""
+"""Final share of the readings, in which the robot is held still, and whose mean is taken."""
 
 
 @dataclass(frozen=True)
 class Tilt:
-    """A movement of the hands. axis: of the turn, 0 about x, 1 about y; sign: of that turn, x forward, y left, z up."""
+    """A tilt of the robot. axis: 0 about x (forward), 1 about y (left); sign: of the turn about it."""
 
     words: str
     axis: int
@@ -27,13 +27,13 @@ class Tilt:
 
 
 TILTS = (Tilt("forward", 1, 1.0), Tilt("to its left", 0, -1.0))
-"""Bowing forward turns it to the left about y, leaning to its left turns it backwards about x."""
+"""Bowing forward is a positive turn about y, leaning to the left a negative one about x."""
 
 
 @dataclass(frozen=True)
-class Held:
-    """A held posture: roll and pitch, rad, by orientation and by acceleration; the turn that led there, rad about x, y
-    and z by the gyroscope; and the share of one g along z."""
+class HeldTilt:
+    """A held tilt. oriented, weighed: roll and pitch by orientation and by acceleration, rad. turned: angle since the
+    start about x, y and z by the gyroscope, rad. up: acceleration along z, g."""
 
     oriented: tuple[float, float]
     weighed: tuple[float, float]
@@ -45,25 +45,25 @@ def tilt_findings(
     read: Callable[[], ImuSample],
     sleep_until: Callable[[float], object],
     now: Callable[[], float],
-    ask: Callable[[str], object],
+    instruct: Callable[[str], object],
 ) -> list[DoctorFinding]:
-    """Findings on the signs of orientation, accelerometer and gyroscope. read: gives the newest sample; ask: tells the
-    person what to do, and returns when that begins."""
+    """Findings on the signs of orientation, accelerometer and gyroscope. read: returns the newest sample. instruct:
+    shows an instruction, and returns when the person begins."""
 
-    def held(seconds: float) -> Held | None:
+    def held(seconds: float) -> HeldTilt | None:
         samples, end = [], now() + seconds
         while now() < end:
             samples.append(read())
             sleep_until(now() + PERIOD)
-        return held_of(samples)
+        return held_tilt(samples)
 
-    ask(f"Hold the robot upright and still for {STILL_S:g} s")
+    instruct(f"Hold the robot upright and still for {STILL_S:g} s")
     upright = held(STILL_S)
     if upright is None:
         return [finding("IMU/silent")]
     found = [finding("IMU/upright", up=upright.up, g=f"{upright.up:+.2f}")]
     for tilt in TILTS:
-        ask(f"Tilt it {tilt.words} by about 30 degrees within {TILT_S:g} s, and keep it there")
+        instruct(f"Tilt it {tilt.words} by about 30 degrees within {TILT_S:g} s, and keep it there")
         tilted = held(TILT_S)
         if tilted is None:
             return [*found, finding("IMU/silent")]
@@ -78,8 +78,8 @@ def tilt_findings(
     return found
 
 
-def held_of(samples: list[ImuSample]) -> Held | None:
-    """What samples of equal times say; None: fewer than half of them are valid."""
+def held_tilt(samples: list[ImuSample]) -> HeldTilt | None:
+    """Return the tilt of equally spaced samples; None if fewer than half of them are valid."""
     valid = [sample for sample in samples if sample.valid]
     if 2 * len(valid) < len(samples) or not valid:
         return None
@@ -89,4 +89,4 @@ def held_of(samples: list[ImuSample]) -> Held | None:
     spans = np.diff([sample.time for sample in valid], append=valid[-1].time)
     turned = (spans[:, None] * np.array([sample.angular_velocity for sample in valid])).sum(axis=0)
     up = float(np.mean([sample.acceleration[2] for sample in last])) / STANDARD_GRAVITY
-    return Held(tuple(oriented.tolist()), tuple(weighed.tolist()), tuple(turned.tolist()), up)
+    return HeldTilt(tuple(oriented.tolist()), tuple(weighed.tolist()), tuple(turned.tolist()), up)

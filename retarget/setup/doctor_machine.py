@@ -26,11 +26,9 @@ from retarget.errors import Problem
 from retarget.live.receivers import RECEIVE_BUFFER
 from retarget.schema import strict_yaml
 
-# Findings: one thing that was checked, its level, and a line of text for it.
-
 
 class FindingLevel(StrEnum):
-    """Level of a finding. Only FIX counts as wrong. NONE: there is nothing to report."""
+    """Level of a finding. Only FIX is a fault. NONE is not reported."""
 
     NONE = "none"
     OK = "ok"
@@ -40,7 +38,7 @@ class FindingLevel(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class DoctorFinding:
-    """subject: what was checked, a word or two. what: how it is. then: what to do, "" for nothing."""
+    """The result of a check. subject: a word or two. what: the state. then: the next step, "" for none."""
 
     level: FindingLevel
     subject: str
@@ -48,7 +46,7 @@ class DoctorFinding:
     then: str = ""
 
     def render(self) -> str:
-        """One line, printable whatever a sender's names are made of."""
+        """One printable line, even if a sender's names are not printable."""
         step = self.then + "." if self.then and self.then[-1] not in ".?" else self.then
         line = f"{self.level:<4} {self.subject}: {self.what}" + (f". {step}" if step else "")
         return printable(line, one_line=True)
@@ -56,44 +54,43 @@ class DoctorFinding:
 
 @cache
 def checks() -> Mapping[str, Any]:
-    """The table of checks, `doctor.yaml`."""
+    """Read the table of checks, `doctor.yaml`."""
     return strict_yaml.load(Path(__file__).with_name("doctor.yaml")).data
 
 
 def finding(check: str, *, subject: str = "", **facts: Any) -> DoctorFinding:
-    """The finding of a check with these facts, at the level and with the advice that `doctor.yaml` has for them."""
+    """Return the finding of a check: the first row of `doctor.yaml` whose limits the facts are beyond."""
     entry: Mapping[str, Any] = checks()[check]
-    row = next(row for row in entry.get("rows", ({},)) if _passes(row, facts))
+    row = next(
+        row
+        for row in entry.get("rows", ({},))
+        if all(facts[fact] < facts.get(limit, limit) for fact, limit in row.get("under", {}).items())
+        and all(facts[fact] > facts.get(limit, limit) for fact, limit in row.get("over", {}).items())
+    )
     what, then = entry.get("what", "") + row.get("what", ""), row.get("then", entry.get("then", ""))
     level = FindingLevel(row.get("level", entry.get("level")))
     return DoctorFinding(level, subject or check.split("/")[0], what.format_map(facts), then.format_map(facts))
 
 
 def findings(*names: str, **facts: Any) -> list[DoctorFinding]:
-    """The findings of several checks with these facts, without those at the level NONE."""
+    """Return the findings of several checks, without those of level NONE."""
     found = [finding(name, **facts) for name in names]
     return [one for one in found if one.level is not FindingLevel.NONE]
 
 
-def _passes(row: Mapping[str, Any], facts: Mapping[str, Any]) -> bool:
-    """Whether facts are beyond all limits of a row."""
-    below = all(facts[fact] < facts.get(limit, limit) for fact, limit in row.get("under", {}).items())
-    return below and all(facts[fact] > facts.get(limit, limit) for fact, limit in row.get("over", {}).items())
-
-
 def fix_all(subject: str, problems: Iterable[Problem]) -> list[DoctorFinding]:
-    """Each problem of a refusal as a finding that is wrong."""
+    """Return a finding of level FIX for each problem."""
     return [DoctorFinding(FindingLevel.FIX, subject, problem.render()) for problem in problems]
 
 
 ROOT = Path("/")
 GOOD_GOVERNORS = {"performance", "schedutil"}
 TICKS, TICK_S = 100, 0.01
-"""Ticks, and their period, s, of the test of the timer: a second of a loop at 100 Hz."""
+"""Number and period, s, of the ticks of `lateness_finding`."""
 
 
 def machine_findings(*, root: Path = ROOT) -> list[DoctorFinding]:
-    """Findings on the operating system. root: of the kernel's files."""
+    """Findings on the operating system. root: folder of the kernel's files."""
     usable, there = len(os.sched_getaffinity(0)), os.cpu_count() or 1
     share, limited = float(usable), ""
     quota = _text(root / "sys/fs/cgroup/cpu.max").split()
@@ -123,7 +120,7 @@ def machine_findings(*, root: Path = ROOT) -> list[DoctorFinding]:
 
 
 def lateness_finding(clock: Clock) -> DoctorFinding:
-    """How late this process wakes up, in a second of idle ticks at 100 Hz."""
+    """Finding on the lateness of this process in a second of idle ticks at 100 Hz."""
     start, late = clock.now(), []
     for tick in range(1, TICKS + 1):
         clock.sleep_until(start + tick * TICK_S)
@@ -146,16 +143,16 @@ def _text(path: Path) -> str:
     return ""
 
 
-# Serial ports: whether this user may open them; their group is mostly dialout.
+# Serial ports, and the permission to open them.
 
 GROUP = "dialout"
-"""Group of serial ports, assumed where no port is plugged in."""
+"""Group of serial ports that is assumed if no port is plugged in."""
 
 
 def serial_findings(ports: Iterable[str] | None = None) -> list[DoctorFinding]:
-    """Whether this user may open serial ports. ports: paths; None: all of this machine."""
+    """Findings on the permission to open serial ports. ports: paths, None for all of this machine."""
     paths = [*(serial_port.existing_ports() if ports is None else ports)]
-    if not paths:  # whether this user is in the group, then
+    if not paths:
         try:
             number = grp.getgrnam(GROUP).gr_gid
         except KeyError:
@@ -171,7 +168,7 @@ def serial_findings(ports: Iterable[str] | None = None) -> list[DoctorFinding]:
 
 
 def _group(path: str) -> str:
-    """The group that may open a port; "" where its mode gives groups no right, or its name is not known."""
+    """The group that may open a port; "" if its mode does not let a group, or its name is unknown."""
     try:
         mode = Path(path).stat().st_mode
         return Path(path).group() if mode & stat.S_IRGRP and mode & stat.S_IWGRP else ""
@@ -179,14 +176,14 @@ def _group(path: str) -> str:
         return ""
 
 
-# Python and the compiled solver: whether they can be used, and what a frame costs on this machine.
+# Python and the compiled solver.
 
 FRAMES = 100
 """Frames whose median cost is taken."""
 
 
 def python_findings() -> list[DoctorFinding]:
-    """Version of Python, and whether the compiled solver can be imported."""
+    """Findings on the version of Python, and on the import of the compiled solver."""
     implementation, machine = platform.python_implementation(), platform.machine()
     python = finding("Python", version=platform.python_version(), implementation=implementation, machine=machine)
     try:
@@ -197,7 +194,7 @@ def python_findings() -> list[DoctorFinding]:
 
 
 def frame_findings() -> list[DoctorFinding]:
-    """CPU time of both stages for a frame."""
+    """Finding on the CPU time of both stages per frame."""
     try:
         return [finding("solver", ms=1e3 * seconds_per_frame())]
     except ImportError:
@@ -205,7 +202,7 @@ def frame_findings() -> list[DoctorFinding]:
 
 
 def seconds_per_frame(frames: int = FRAMES) -> float:
-    """Median CPU time, s, of a tick in which OP3 follows the sample recording. Takes about a second."""
+    """Median CPU time, s, of a tick in which OP3 follows the sample recording."""
     from retarget.pipeline import Pipeline
     from retarget.sources.open import SAMPLE, open_source
 
@@ -220,19 +217,17 @@ def seconds_per_frame(frames: int = FRAMES) -> float:
     return float(np.median(costs))
 
 
-# A servo port: whether it exists, may be opened and is free, and the latency timer of its adapter.
-#
-# The port is not opened: that moves the lines of some adapters, and a byte might reach the servos.
+# A servo port. It is not opened, since that moves the lines of some adapters, and a byte might reach the servos.
 
 SUBJECT = "port"
 UNKNOWN_HOLDER = "another process"
-"""Holder of a port where no process can be seen."""
+"""Words of `serial_port.holders` for an unknown process."""
 
 
 def port_findings(
     path: str, *, baud: int | None = None, devices: Path = serial_port.DEVICES, processes: Path = PROCESSES
 ) -> list[DoctorFinding]:
-    """Findings on one servo port. baud: of the profile's bus, None: not known."""
+    """Findings on one servo port. baud: of the profile's bus, None if unknown."""
     refusal = _open_refusal(path, baud or 57_600)
     if refusal is not None:
         return [refusal]
@@ -247,7 +242,7 @@ def port_findings(
 
 
 def _open_refusal(path: str, baud: int) -> DoctorFinding | None:
-    """Why opening the port would fail, in the same words; None: it would not."""
+    """The error that opening the port would raise, None if it would open."""
     try:
         there = Path(path).exists()
         is_device = there and Path(path).is_char_device()
@@ -265,7 +260,7 @@ def _open_refusal(path: str, baud: int) -> DoctorFinding | None:
 
 
 def _holders(path: str, processes: Path) -> list[DoctorFinding]:
-    """Processes that have the port open; one at the other end of a pseudo-terminal is a note only."""
+    """Findings on processes that have the port open. One at the other end of a pseudo-terminal is a note only."""
     holder, _, behind = serial_port.holders(path, processes).partition("; ")
     found = [finding("servo port/behind", subject=path, behind=behind)] if behind else []
     if holder != UNKNOWN_HOLDER:
@@ -273,7 +268,7 @@ def _holders(path: str, processes: Path) -> list[DoctorFinding]:
     return [*found, finding("servo port/free", subject=path)]
 
 
-# What may block a sender from a port of this machine: a firewall, a container, a virtual machine.
+# Firewalls, containers and virtual machines, which may block a sender.
 
 _SIGNS = (
     ("etc/ufw/ufw.conf", "enabled=yes", "firewall/ufw"),
@@ -282,11 +277,11 @@ _SIGNS = (
     (".dockerenv", "", "firewall/container"),
     ("run/.containerenv", "", "firewall/container"),
 )
-"""Paths that every user may read, what their content holds ("": that they exist is enough), and the check."""
+"""Paths that every user may read, a text in their content ("" for any), and the check."""
 
 
 def firewall_findings(port: int, *, root: Path = ROOT) -> list[DoctorFinding]:
-    """Firewalls that files readable by every user show, and the command that opens the port."""
+    """Findings on firewalls that readable files reveal, with the command that opens the port."""
     shown = dict.fromkeys(
         check
         for path, text, check in _SIGNS

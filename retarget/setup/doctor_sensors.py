@@ -1,4 +1,4 @@
-"""Capture of a live stream for the doctor, and findings on what it holds: sensors, rate, clock, made-up limbs."""
+"""Capture of a live stream for the doctor, and findings on its sensors, rate, clock, and made-up limbs."""
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
@@ -24,7 +24,7 @@ from retarget.types import FloatArray, IntArray
 
 STEP_S = 0.01
 SAMPLE_S = 0.05
-"""Time, s, between two samples of the poses and of the validity of the sensors."""
+"""Time between two samples of poses and validity, s."""
 SETTLING_S = 1.5
 MOST_FRAMES = 500_000
 MOST_SAMPLES = 12_000
@@ -32,13 +32,12 @@ MOST_SAMPLES = 12_000
 MOST_SOURCES = 64
 MOST_KINDS = 16
 ALL_NAMED = 300
-"""Datagrams that are all recognised; after them, one in SELDOM is."""
+"""Datagrams of which each is recognised. After them, one in SELDOM is, which costs little at 1000 per second."""
 SELDOM = 20
-"""Datagrams of which one is recognised after ALL_NAMED: a stream of 1000 datagrams a second costs little then."""
 MOST_NAMES = 256
-"""Names of sensors that are kept: a sender that makes up names cannot fill the memory."""
+"""Most names of sensors that are kept, so that a sender cannot fill the memory."""
 _UNKNOWN = np.full(7, np.nan)
-"""Pose (7,), position m and orientation wxyz, of a sensor that has sent none."""
+"""Pose (7,) of a sensor that was not sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +52,12 @@ class FrameNote:
 
 @dataclass(eq=False)
 class StreamCapture:
-    """What a stream brought in some seconds. Every field is bounded.
+    """Data of a stream over some seconds. Every field is bounded.
 
-    stream: with the counts that it keeps itself. began, ended: s of its clock. arrived: datagrams. sources: datagrams
-    by sender. largest: bytes of the longest datagram of each address. kinds: what the datagrams that were recognised
-    look like. samples: poses (7,) every SAMPLE_S, by the sender's names, position [m] and quaternion wxyz. states:
-    a ValidityState per sensor at each sample. ages: how old, s, the poses are that a robot would follow, at samples
-    with any. last_poses: the last pose (7,) of each name.
+    began, ended: s, clock of the stream. arrived: number of datagrams. sources: datagrams by sender. largest: longest
+    datagram of each address, bytes. kinds: datagrams by recognised kind. samples: poses (7,) every SAMPLE_S, by the
+    sender's names, position, m, and quaternion wxyz. states: a ValidityState per sensor at each sample. ages: ages of
+    the poses that a robot would follow, s. last_poses: the last pose (7,) of each name.
     """
 
     stream: LiveStream
@@ -77,31 +75,27 @@ class StreamCapture:
 
     @property
     def seconds(self) -> float:
-        """Time, s, that the capture took."""
+        """Duration of the capture, s."""
         return self.ended - self.began
 
     @property
     def settled(self) -> int:
-        """Index of the first sample that counts: SETTLING_S after the first pose."""
+        """Index of the first sample that is SETTLING_S after the first pose."""
         first = next((row for row, poses in enumerate(self.samples) if poses), len(self.samples))
         return first + round(SETTLING_S / SAMPLE_S)
 
     def share(self, sensor: str, state: ValidityState) -> float:
-        """Share of the time in which a sensor was in a state, 0 to 1.
-
-        The beginning does not count: trackers settle, and a capture that starts within a motion has nothing to compare
-        with.
-        """
+        """Share of the time in which a sensor was in a state, 0 to 1, without the time in which trackers settle."""
         states = self.states_of(sensor)[self.settled :]
         return float(np.sum(states == state) / max(len(states), 1))
 
     def states_of(self, sensor: str) -> IntArray:
-        """The `ValidityState` (n,) of a sensor at each sample."""
+        """`ValidityState` (n,) of a sensor at each sample."""
         states = np.array(self.states, dtype=np.int64).reshape(-1, len(self.stream.roles.sensors))
         return np.asarray(states[:, self.stream.roles.sensors.index(sensor)])
 
     def track(self, name: str) -> FloatArray:
-        """Poses (n, 7), m and wxyz, of a name at each sample, NaN where it was not sent yet."""
+        """Poses (n, 7), m and wxyz, of a name at each sample, NaN before its first one."""
         return np.array([poses.get(name, _UNKNOWN) for poses in self.samples]).reshape(-1, 7)
 
 
@@ -227,7 +221,7 @@ def _missing(
 
 
 def _unusable(sent: dict[str, PoseSource], capture: StreamCapture) -> list[DoctorFinding]:
-    """Sensors that are sent and cannot be used: a finding for each, or one for all."""
+    """Findings on sensors that are sent and cannot be used: one for each, or one for all."""
     unusable = {}  # sensor -> share of the time since its first pose in which it had no valid pose, 0 to 1
     for sensor, place in sent.items():
         states = capture.states_of(sensor)[[place.position in poses for poses in capture.samples]]
@@ -249,9 +243,9 @@ def _unusable(sent: dict[str, PoseSource], capture: StreamCapture) -> list[Docto
 # Rate, jitter, gaps, loss by frame numbers, and the sender's clock.
 
 SLOWEST_HZ = 1.0 / DELAY_CAP_S
-"""Rate, Hz, below which there is not always a frame on both sides of the playout time."""
+"""Least rate with a frame on both sides of the playout time, Hz."""
 FEW = 5
-"""Frames that a finding needs at least."""
+"""Fewest frames for a finding."""
 
 _JUMPS = {
     JumpKind.RESTARTED: "it was restarted",
@@ -261,10 +255,10 @@ _JUMPS = {
 
 
 def rate_findings(kind: str, capture: StreamCapture) -> list[DoctorFinding]:
-    """Findings on the frames that hold the performer's sensors; on all frames where none does."""
-    # Of the sensor that is sent most often: some senders put each sensor in a datagram of its own.
-    wanted = [name for name in capture.stream.roles.names if name in capture.last_poses]
-    of_each = [[frame for frame in capture.frames if name in frame.names] for name in wanted]
+    """Findings on the frames of the performer's most frequent sensor, else on all frames. Some senders put each sensor
+    into its own datagram."""
+    known = [name for name in capture.stream.roles.names if name in capture.last_poses]
+    of_each = [[frame for frame in capture.frames if name in frame.names] for name in known]
     frames = max(of_each, key=len, default=capture.frames)
     if len(frames) < FEW:
         return findings("rate/few", count=len(frames))
@@ -295,7 +289,7 @@ def rate_findings(kind: str, capture: StreamCapture) -> list[DoctorFinding]:
 
 
 def _loss(kind: str, frames: list[FrameNote]) -> list[DoctorFinding]:
-    """By the sender's frame numbers, of which MVN leaves some out on purpose."""
+    """Findings on the sender's frame numbers. MVN leaves some out on purpose."""
     numbers = np.array([frame.number for frame in frames if frame.number is not None], dtype=float)
     if len(numbers) < FEW:
         return []
@@ -309,13 +303,13 @@ def _loss(kind: str, frames: list[FrameNote]) -> list[DoctorFinding]:
 
 
 def _clock(kind: str, frames: list[FrameNote], capture: StreamCapture, seconds: float) -> list[DoctorFinding]:
-    """The sender's clock: whether it stands still, runs at another speed, jumps, or has become coarse."""
+    """Findings on a sender's clock that stands still, runs at another speed, jumps, or is coarse."""
     clock, jump = capture.stream.clock_map, capture.stream.clock_map.last_jump
     stamped = [(frame.stamp, frame.arrival) for frame in frames if frame.stamp is not None]
     if len(stamped) < FEW:
         return findings("clock/none")
     stamps, at = np.array(stamped).T
-    # The sender's seconds per local second: the median over an eighth of the time, which jumps do not change.
+    # The sender's seconds per local second: a median over an eighth of the time, which jumps do not change.
     lag, reasons = max(len(stamps) // 8, 1), clock.dropped.reasons
     speed = float(np.median((stamps[lag:] - stamps[:-lag]) / np.maximum(at[lag:] - at[:-lag], 1e-9)))
     return findings(
@@ -337,24 +331,23 @@ def _clock(kind: str, frames: list[FrameNote], capture: StreamCapture, seconds: 
     )
 
 
-# Limbs that a sender makes up: they stay within a millimetre of one place on the trunk while the trunk moves.
-#
-# SlimeVR sends arms and hands that have no tracker; nothing on the wire marks them (facts on streams, section 2).
+# Limbs that a sender makes up, which are rigid in the trunk's frame. SlimeVR sends arms and hands without a tracker.
+# Nothing on the wire marks them (facts on streams, section 2).
 
 RIGID_M = 1e-3
-"""Range within the trunk's frame of a limb that is made up; that of a real limb is larger while the trunk moves."""
+"""Largest range of a made-up limb in the trunk's frame, m. A real limb moves more while the trunk moves."""
 MOVED_M, MOVED_RAD = 0.05, 0.15
-"""Motion of the trunk that a finding needs at least."""
+"""Least motion of the trunk for a finding."""
 STEP_M, STEP_RAD = 0.001, 0.002
 LEAST_STEPS = 10
-"""Samples in which the trunk must have moved on: a reset of the trackers moves the whole body at once."""
+"""Fewest samples in which the trunk moved: a reset of the trackers moves the whole body at once."""
 LEAST_SAMPLES = 20
 _CARRIERS = {"chest": ("wrist", "elbow"), "pelvis": ("ankle", "knee")}
-"""Parts of the trunk and the limbs that hang from them."""
+"""Parts of the trunk, and the limbs on them."""
 
 
 def invented_findings(convention: str, capture: StreamCapture) -> list[DoctorFinding]:
-    """Sensors that the sender makes up; none where it sends no trunk. A note where no sensor moved."""
+    """Findings on sensors that the sender makes up, if it sends a trunk; a note if no sensor moved."""
     known = CONVENTIONS.get(convention, {})
     if not capture.frames or len(capture.samples) < LEAST_SAMPLES:
         return []
@@ -372,7 +365,6 @@ def invented_findings(convention: str, capture: StreamCapture) -> list[DoctorFin
 
 
 def _moves(track: FloatArray) -> bool:
-    """Whether poses (n, 7) move or turn by more than MOVED_M or MOVED_RAD."""
     places, turns = track[np.isfinite(track[:, 0]), :3], track[np.isfinite(track[:, 3]), 3:]
     gone = len(places) > 1 and float(np.ptp(places, axis=0).max()) > MOVED_M
     return gone or (len(turns) > 1 and _turned(turns) > MOVED_RAD)
@@ -384,7 +376,7 @@ def _turned(turns: FloatArray) -> float:
 
 
 def _moves_with(limb: PoseSource, trunk: PoseSource, capture: StreamCapture) -> bool:
-    """Whether a limb stays at one place of the trunk's frame while the trunk moves."""
+    """True if a limb is rigid in the trunk's frame while the trunk moves."""
     rows = [capture.track(trunk.position)[:, :3], capture.track(trunk.orientation)[:, 3:]]
     both = np.hstack([capture.track(limb.position)[:, :3], *rows])[capture.settled :]
     both = both[np.isfinite(both).all(axis=1)]

@@ -1,6 +1,5 @@
-"""The doctor opens a stream, listens to it, and reports silence, wrong senders and protocols, and what was lost.
-
-Of `web://` it serves the page, waits for a performer, and reports on the browser, too.
+"""The doctor's findings on a stream: silence, wrong senders and protocols, and losses. For `web://` it serves the page,
+waits for a performer, and reports on the browser, too.
 """
 
 from collections import Counter
@@ -46,11 +45,11 @@ from retarget.sources.streams.vmc import VmcDecoder
 from retarget.web.link import PoseReceiver
 from retarget.web.runtime import runtime_folder
 
-# Silence: what the sender needs, and what may block it.
+# Silence.
 
 
 def silence_findings(address: StreamAddress, *, seconds: float, answered: bool = False) -> list[DoctorFinding]:
-    """Find why nothing arrives at an address, the surest cause first. answered: other findings say it already."""
+    """Findings on why nothing arrives at an address, the surest cause first. answered: the cause is known."""
     found = []
     if not answered:
         found.append(finding("stream/silent", seconds=seconds, place=_place(address), start=_start(address)))
@@ -76,7 +75,7 @@ def _place(address: StreamAddress) -> str:
 
 
 def _start(address: StreamAddress) -> str:
-    """What to do at the sender."""
+    """The next step at the sender."""
     if address.kind == "replay":
         return "Record again: this recording holds no datagram"
     if address.kind == "natnet":
@@ -88,13 +87,13 @@ def _start(address: StreamAddress) -> str:
 # Senders: the wrong protocol, refused senders, damaged or large datagrams, datagrams that the kernel lost.
 
 UNFRAGMENTED = 1472
-"""Bytes of a UDP payload that fit one Ethernet frame of 1500."""
+"""Largest UDP payload in one Ethernet frame of 1500 bytes."""
 _HARMLESS = ("not used", "none of 1 to 8 and head", "type ", "late", "repeated")
 """Parts of the reasons for which datagrams of a healthy sender are dropped."""
 
 
 def sender_findings(address: StreamAddress, kind: str, capture: StreamCapture) -> list[DoctorFinding]:
-    """Findings on who sends what. kind: of the stream; of a replay, what it holds."""
+    """Findings on senders and their datagrams. kind: of the stream, or of the stream in a replay."""
     found = _refused(address, capture) + _foreign(kind, capture, address)
     if capture.frames:
         senders = ", ".join(dict.fromkeys(host for host, _ in capture.sources))
@@ -115,7 +114,7 @@ def sender_findings(address: StreamAddress, kind: str, capture: StreamCapture) -
 
 
 def _refused(address: StreamAddress, capture: StreamCapture) -> list[DoctorFinding]:
-    """Senders that were refused."""
+    """Findings on refused senders."""
     found, admission = [], capture.stream.admission
     news = admission.news()
     many = {host for (host, _), reason in news if reason == NEW_SOCKETS}
@@ -135,7 +134,7 @@ def _refused(address: StreamAddress, capture: StreamCapture) -> list[DoctorFindi
 
 
 def _foreign(kind: str, capture: StreamCapture, address: StreamAddress) -> list[DoctorFinding]:
-    """Datagrams of another protocol, or of a part of the protocol that is not read."""
+    """Findings on datagrams of another protocol, or of a part of the protocol that is not read."""
     found, looked, counts = [], capture.kinds.total(), Counter[str]()
     for got, count in capture.kinds.items():
         counts[got.name] += count
@@ -202,7 +201,7 @@ def stream_findings(
 def judge(
     address: StreamAddress, performer: Performer, convention: str, capture: StreamCapture, *, kind: str
 ) -> list[DoctorFinding]:
-    """Findings on a capture; none where nothing arrived and Motive did not answer."""
+    """Findings on a capture; none if nothing arrived and Motive did not answer."""
     found, receiver = list[DoctorFinding](), capture.stream.receiver
     if isinstance(receiver, NatnetReceiver):
         found = fix_all("Motive", natnet_problems(receiver.session, capture.ended, host=address.host or ""))
@@ -215,10 +214,8 @@ def judge(
 
 
 def named_for(performer: Performer, convention: str) -> Performer:
-    """The performer with the role UNNAMED for each sensor that this convention does not name.
-
-    No sender has a pose of that name, so the sensor is reported as missing.
-    """
+    """Return the performer with the role UNNAMED for each sensor that this convention does not name. No sender has a
+    pose of that name, so the sensor is reported as missing."""
     known = CONVENTIONS.get(performer.roles or convention, {})
     sensors = {}
     for name, sensor in performer.sensors.items():
@@ -229,43 +226,45 @@ def named_for(performer: Performer, convention: str) -> Performer:
     return performer.model_copy(update={"sensors": sensors})
 
 
-# The page of `web://`: a performer's browser and what it sends.
+# The page of `web://`.
 
-PATIENCE_S = 120.0
-"""So long a performer may take to open the page and choose an input, s."""
-LOOK_S = 0.05
-"""Time between two looks, s."""
+OPENING_S = 120.0
+"""Time for a performer to open the page and choose an input, s."""
+POLL_S = 0.05
+"""Time between two polls, s."""
 
 
 def web_findings(
     address: StreamAddress,
     performer: Performer,
     receiver: PoseReceiver,
-    heard: Callable[[], list[dict[str, Any]]],
+    health: Callable[[], list[dict[str, Any]]],
     *,
     clock: Clock,
     seconds: float,
 ) -> list[DoctorFinding]:
-    """Findings on the page, the browser and the poses, after a performer was there for `seconds`. heard: what browsers
-    have said of themselves so far."""
+    """Findings on the page, the browser and the poses, after a performer was there for `seconds`. health: returns the
+    `health` messages of browsers so far."""
     found = findings("page/runtime", installed=runtime_folder() is not None)
     convention = stream_kinds()["web"].roles
     stream = open_stream(address, named_for(performer, convention), receiver=receiver)
     with closing(receiver):
-        end = clock.now() + PATIENCE_S
-        while not heard() and clock.now() < end:
-            clock.sleep_until(clock.now() + LOOK_S)
+        end = clock.now() + OPENING_S
+        while not health() and clock.now() < end:
+            clock.sleep_until(clock.now() + POLL_S)
         capture = capture_stream(stream, clock=clock, seconds=seconds)
-    said = heard()
-    if not said:
-        return [*found, finding("page/no performer", seconds=PATIENCE_S)]
-    return found + page_findings(said) + judge(address, performer, convention, capture, kind="web")
+    reports = health()
+    if not reports:
+        return [*found, finding("page/no performer", seconds=OPENING_S)]
+    return found + page_findings(reports) + judge(address, performer, convention, capture, kind="web")
 
 
-def page_findings(said: list[dict[str, Any]]) -> list[DoctorFinding]:
-    """Findings on what a performer's page said of itself, oldest first."""
-    last = said[-1]
-    facts = {key: _median(said, key) for key in ("fps", "infer_ms", "rtt_ms", "send_ms")}
+def page_findings(reports: list[dict[str, Any]]) -> list[DoctorFinding]:
+    """Findings on the `health` messages of a performer's page, oldest first."""
+    last, facts = reports[-1], dict[str, float]()
+    for key in ("fps", "infer_ms", "rtt_ms", "send_ms"):
+        values = [one[key] for one in reports if isinstance(one.get(key), int | float)]
+        facts[key] = float(np.median(values)) if values else float("nan")
     facts |= {key: int(last.get(key) is True) for key in ("secure", "wasm")}
     texts = {key: str(last.get(key) or "not said")[:60] for key in ("agent", "camera", "permission")}
     names = ["browser", "browser/secure", "browser/wasm", "camera/permission"]
@@ -275,9 +274,3 @@ def page_findings(said: list[dict[str, Any]]) -> list[DoctorFinding]:
     if trouble := str(last.get("trouble") or "")[:200]:
         found.append(finding("page/trouble", trouble=trouble))
     return found
-
-
-def _median(said: list[dict[str, Any]], key: str) -> float:
-    """The median of a number that a page said again and again; NaN where it never did."""
-    values = [one[key] for one in said if isinstance(one.get(key), int | float)]
-    return float(np.median(values)) if values else float("nan")

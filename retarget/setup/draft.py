@@ -1,6 +1,4 @@
-"""A drafted profile: as data, with its landmarks, and as the text of `robot.yaml` with comments that say what is
-only a draft.
-"""
+"""A drafted profile as data, and as the text of `robot.yaml` with comments on the lines that are only a draft."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence, Set
@@ -25,25 +23,20 @@ from retarget.setup.shape_fit import LinkShape
 
 HEAD = "Proposed as retarget fit-observers does; what the comments mean is in docs/own-robot.md."
 ZONES = Zones(influence=0.04, margin=0.005)
-"""[m] Of drafted observers: a hand's breadth of a small robot, and half a centimetre."""
+"""Zones of drafted observers, m."""
 
 
-# How a drafted robot follows the human, limb by limb: landmarks by what limbs it has.
+# Landmarks.
 
 ARM, LEG = 0.97, 0.99
-"""Shares of the stretched limb: a stretched human limb must not ask for a singular one. A leg that is 0.97 of its
-length has its knee 28 degrees bent, which is seen; at 0.99 it is 16."""
-
-
+"""Shares of the stretched limb, so that a stretched human limb does not make it singular. At 0.97 the knee of a leg is
+visibly bent, by 28 degrees; at 0.99 by 16."""
 SHORTEST = 1e-3
-"""[m] A shorter limb has no direction to follow."""
+"""Shortest limb with a direction to follow, m."""
 
 
 def find_landmarks(posed: Posed, standing: Angles) -> tuple[dict[str, Landmark], list[str]]:
-    """The landmarks by name, and what is too short to be one, in words.
-
-    standing: angles of the robot standing, trunk upright, rad.
-    """
+    """Return the landmarks by name, and notes on limbs that are too short. standing: rad by joint, trunk upright."""
     at, found, missing = posed.place(standing).positions, dict[str, Landmark](), list[str]()
 
     def add(
@@ -67,8 +60,8 @@ def find_landmarks(posed: Posed, standing: Angles) -> tuple[dict[str, Landmark],
     for side in ("l", "r"):
         shoulder, elbow, hand, wrist = (f"{side}_{part}" for part in ("shoulder", "elbow", "hand", "wrist"))
         if hand in at:
-            way = [at[name] for name in (shoulder, elbow, hand) if name in at]
-            parts = np.linalg.norm(np.diff(way, axis=0), axis=1).tolist()
+            path = [at[name] for name in (shoulder, elbow, hand) if name in at]
+            parts = np.linalg.norm(np.diff(path, axis=0), axis=1).tolist()
             if elbow in at:
                 add(elbow, elbow, shoulder, shoulder, parts[0], [shoulder, elbow], name=f"{side}_upper_arm")
                 add(hand, wrist, elbow, elbow, parts[1], [elbow, wrist], name=f"{side}_forearm")
@@ -87,12 +80,9 @@ def find_landmarks(posed: Posed, standing: Angles) -> tuple[dict[str, Landmark],
 
 @dataclass(frozen=True)
 class Draft:
-    """A drafted profile as data.
-
-    source: name of the file that it is made from. frames: by name, each with what it is, for a comment. postures: name
-    -> joint -> rad. shapes: of the observers. links: of the parts. missing: what could not be found. notes: what was
-    changed or assumed.
-    """
+    """A drafted profile as data. source: name of the body file. frames: by name, each with a comment. postures: name ->
+    joint -> rad. shapes: of the observers. links: of the parts. missing: parts that were not found. notes: changes and
+    assumptions."""
 
     name: str
     source: str
@@ -110,10 +100,10 @@ class Draft:
     notes: tuple[str, ...] = ()
 
 
-# A drafted profile as `robot.yaml`: in the order of the shipped ones, with comments that say what is only a draft.
+# A drafted profile as `robot.yaml`.
 
 FEW_SERVOS, FAST_HZ, SLOW_HZ = 22, 100, 50
-"""Up to FEW_SERVOS servos, one line of 1 Mbaud has time to read and write all of them at FAST_HZ; else at SLOW_HZ."""
+"""One line of 1 Mbaud can read and write up to FEW_SERVOS servos at FAST_HZ, else at SLOW_HZ."""
 _ROOTS = {
     "free": "it stands on its own feet; `suspended` while it hangs on a stand",
     "suspended": "it has legs but no soles to stand on, so it hangs on a stand",
@@ -122,7 +112,7 @@ _ROOTS = {
 
 
 def profile_text(draft: Draft) -> str:
-    """YAML of a whole profile: `robot.yaml.template` with the drafted lines."""
+    """Return the YAML of a profile: `robot.yaml.template` with the drafted lines."""
     stands = "Trunk upright, soles flat, centre of mass over the middle of the soles; " if draft.feet else ""
     ids = [servo.entry.id for servo in draft.servos]
     feet = _lines(wrapped(_entry(side, foot), 9) for side, foot in draft.feet.items())
@@ -152,8 +142,8 @@ def profile_text(draft: Draft) -> str:
 
 
 def _supply(models: Set[str]) -> str:
-    """The voltages, V, at which no servo of these models has an alarm (e-Manual, initial voltage limits), within the
-    range of their supply: 4 to 6 V, or up to 14.8 V, a battery of four cells."""
+    """Voltages, V, at which no servo of these models has an alarm (e-Manual, initial voltage limits), within 4 to 6 V
+    for low voltage, or up to 14.8 V, a battery of four cells."""
     limits = [find_table(name, max(SERVO_MODELS[name].protocols)) for name in models]
     lowest = [0.1 * (table["min_voltage_limit"].initial or 0) for table in limits]
     highest = [0.1 * (table["max_voltage_limit"].initial or math.inf) for table in limits]
@@ -179,7 +169,7 @@ def _head(draft: Draft) -> Iterator[str]:
 
 
 def _entry(name: str, entry: Schema, width: int = 0) -> str:
-    """An entry of a section, its name padded to `width`."""
+    """Format an entry of a section, its name padded to `width`."""
     keys = flow(entry.model_dump(by_alias=True, exclude_unset=True))
     return f"  {flow(name) + ':':<{width}} {keys}"
 

@@ -1,4 +1,4 @@
-"""Fits observers to a robot's body: the shapes, the pairs that cannot be watched, and both as YAML text."""
+"""Fit of observers to a robot's body: shapes, pairs of links to ignore, and both as YAML text."""
 
 import json
 import re
@@ -26,7 +26,7 @@ from retarget.types import BoolArray, FloatArray
 
 @dataclass(frozen=True)
 class Zones:
-    """influence: distance at which the observers act, margin: distance that they keep, m."""
+    """Distances of an observer, m. influence: below it the observer acts. margin: it keeps this distance."""
 
     influence: float
     margin: float
@@ -44,14 +44,14 @@ class Zones:
 
 @dataclass(frozen=True)
 class IgnoredLinks:
-    """A pair of links that is proposed to be ignored, and why."""
+    """A pair of links that is proposed to be ignored, with the reason."""
 
     links: tuple[str, str]
     reason: str
 
 
 class PlacedShapes:
-    """Shapes on the links of a body, looked at in any posture."""
+    """Distances between shapes on the links of a body, in any posture."""
 
     def __init__(self, body: BodyModel, shapes: tuple[LinkShape, ...]) -> None:
         self._body, self.shapes = body, shapes
@@ -81,14 +81,14 @@ class PlacedShapes:
         return np.asarray(_solver.shape_distances(*sides)[0])
 
     def touching(self, angles: Mapping[str, float], neutral: Mapping[str, float]) -> frozenset[frozenset[str]]:
-        """The pairs of links that touch in a posture. Of neighbours, and of links on both sides of one shoulder or hip,
-        those that are clear of each other in the neutral posture: others are not looked at, and may well be near."""
+        """Return the pairs of links that touch in a posture. Neighbours, and links on both sides of one shoulder or
+        hip, count only if they are clear of each other in the neutral posture."""
         distance, home = self.distances(angles), self.distances(neutral)
         touches = np.where(self._near, (distance <= 0.0) & (home > 0.0), distance <= NEAREST_M)
         return self._named(touches & ~(self._joined & (home <= NEAREST_M)))
 
     def joined(self, neutral: Mapping[str, float]) -> frozenset[frozenset[str]]:
-        """The pairs of links on both sides of one shoulder or hip that touch in the neutral posture."""
+        """Return the pairs of links on both sides of one shoulder or hip that touch in the neutral posture."""
         return self._named(self._joined & (self.distances(neutral) <= NEAREST_M))
 
     def _named(self, touches: BoolArray) -> frozenset[frozenset[str]]:
@@ -97,7 +97,7 @@ class PlacedShapes:
 
 
 MEET = 0.02
-"""Share of the size of a body: axes that pass a point so near make one joint, as the three of a shoulder or a hip."""
+"""Largest distance of axes that meet (three in a shoulder) from their common point, as a share of the body's size."""
 
 
 class _Axes:
@@ -111,9 +111,9 @@ class _Axes:
         self._near = MEET * float(np.linalg.norm(np.ptp(self._places, axis=0)))
 
     def meet(self, one: int, other: int) -> bool:
-        """Whether the axes of all joints between two links pass one point."""
-        way = self._body.links_between(one, other)
-        between = [joint for joint, link in enumerate(self._body.joint_body.tolist()) if link in way]
+        """True if the axes of all joints between two links pass one point, found by least squares."""
+        path = self._body.links_between(one, other)
+        between = [joint for joint, link in enumerate(self._body.joint_body.tolist()) if link in path]
         places = self._places[between]
         across = np.eye(3) - self._axes[between, :, None] * self._axes[between, None, :]  # (k, 3, 3)
         point = np.linalg.lstsq(across.sum(axis=0), np.einsum("kij,kj->i", across, places), rcond=None)[0]
@@ -122,7 +122,7 @@ class _Axes:
 
 
 NEAREST_M = 0.002
-"""Parts that are nearer than this to each other in a posture touch."""
+"""Distance below which links touch, m."""
 TOUCHES = "touch in the posture {}: draw their shapes tighter, or move it, then remove this; nothing keeps them apart"
 
 JOINED = "touch in the posture neutral beside the joint between them, whose axes meet: nothing keeps them apart"
@@ -131,8 +131,8 @@ JOINED = "touch in the posture neutral beside the joint between them, whose axes
 def ignored_links(
     placed: PlacedShapes, neutral: Mapping[str, float], postures: Mapping[str, Mapping[str, float]]
 ) -> tuple[IgnoredLinks, ...]:
-    """The pairs of links that a profile had better ignore: those that touch in the neutral posture or in others (rad by
-    joint, by name), in which a run would not begin."""
+    """Return the pairs of links that touch in the neutral posture or in others (rad by joint, by name), in which a run
+    could not begin otherwise."""
     found: dict[tuple[str, ...], IgnoredLinks] = {}
     for first, second in sorted(tuple(sorted(pair)) for pair in placed.joined(neutral)):
         found[first, second] = IgnoredLinks((first, second), JOINED)
@@ -142,18 +142,18 @@ def ignored_links(
     return tuple(found.values())
 
 
-# The proposal as a part of a robot profile: `observers` and `ignore_pairs` in YAML, with comments that say why.
+# The proposal as sections `observers` and `ignore_pairs` of a robot profile, with comments.
 
 MAX_PAIRS = 500
-"""A profile ignores no more pairs."""
+"""Most ignored pairs of a profile."""
 WIDTH = 118
-"""Columns of a line of the YAML: those of the shipped profiles."""
+"""Columns of the YAML, as in the shipped profiles."""
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
 _RESERVED = {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
 
 
 def flow(value: Any) -> str:
-    """Flow YAML of a name, a number, or a list or mapping of these; a list of one name is written as that name."""
+    """Return flow YAML of a name, a number, or a list or mapping of these. A list of one name becomes that name."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{flow(key)}: {flow(item)}" for key, item in value.items()) + "}"
     if isinstance(value, str):
@@ -168,22 +168,22 @@ def flow(value: Any) -> str:
 
 
 def wrapped(line: str, indent: int) -> str:
-    """A long line of flow YAML, broken where a space may be a line's end; further lines are indented."""
+    """Break a long line of flow YAML at spaces. Further lines are indented."""
     first = line[: len(line) - len(line.lstrip())]
     parts = wrap(line.strip(), WIDTH - indent, break_long_words=False, break_on_hyphens=False)
     return ("\n" + " " * indent).join([first + parts[0], *parts[1:]])
 
 
 def comment(text: str) -> str:
-    """A paragraph as lines of comment."""
+    """Return a paragraph as lines of comment."""
     text = " ".join(printable(text).split())
     lines = wrap(text, WIDTH - 1, break_long_words=False, break_on_hyphens=False)
     return "\n".join(f"# {line}" for line in lines)
 
 
 def fragment(head: Iterable[str], shapes: Sequence[LinkShape], pairs: Sequence[IgnoredLinks], zones: Zones) -> str:
-    """YAML text of both sections. head: paragraphs of comment before them. An observer is named for its link, without
-    an ending `_link` where that leaves names different; pairs that a profile cannot hold are left out."""
+    """Return both sections as YAML. head: paragraphs of comment before them. An observer has the name of its link,
+    without `_link` if all names stay distinct. Pairs beyond MAX_PAIRS are left out."""
     short = [shape.link_name.removesuffix("_link") or shape.link_name for shape in shapes]
     names = short if len(set(short)) == len(short) else [shape.link_name for shape in shapes]
     lines = [*map(comment, head), "", "observers:" if shapes else "observers: {}"]
@@ -202,7 +202,7 @@ def fragment(head: Iterable[str], shapes: Sequence[LinkShape], pairs: Sequence[I
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Observers of the links of a robot, and the pairs to ignore. inputs: the files that it was made from."""
+    """Observers of a robot, and the pairs to ignore. inputs: the files that were read."""
 
     shapes: tuple[LinkShape, ...]
     ignored: tuple[IgnoredLinks, ...]
@@ -211,10 +211,8 @@ class Fit:
 
 
 def fit(robot: str, zones: Zones) -> Fit:
-    """Propose observers and pairs to ignore for a robot by name, by its profile, or by an MJCF or URDF file.
-
-    Raises UsageError, ConfigError, InputError.
-    """
+    """Propose observers and pairs to ignore. robot: name, profile, or MJCF or URDF file. Raises UsageError,
+    ConfigError, InputError."""
     if robot == HUMAN:
         raise UsageError("the human is no robot", found=HUMAN, next_step="Give a robot's name, its profile or its body")
     path = Path(robot)

@@ -1,5 +1,4 @@
-"""The frames of a profile, measured on a body whose links are known: where hips, knees, ankles, soles, shoulders,
-elbows, hands, neck and head are."""
+"""The frames of a profile (hips, knees, soles, shoulders, hands, head ...), measured on a body with known links."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,13 +13,13 @@ from retarget.setup.tree import BASE, UP, Tree, flat_underside, outline
 from retarget.types import FloatArray
 
 SIDES = {"l": "left", "r": "right"}
-"""Sides as they begin names of frames, and in `feet`."""
+"""Prefixes of frames -> keys of `feet`."""
 
 
 @dataclass(frozen=True)
 class LimbNodes:
-    """nodes: of its hinges, from the trunk outwards. parent: the node that it hangs on. ends: its last node and what
-    hangs on that: the foot, or the hand with its fingers. bend: the node of its knee or elbow."""
+    """A limb. nodes: of its hinges, from the trunk outwards. parent: the node that carries it. ends: its last node with
+    all descendants, the foot, or the hand with its fingers. bend: the node of its knee or elbow."""
 
     nodes: tuple[int, ...]
     parent: int
@@ -30,8 +29,8 @@ class LimbNodes:
 
 @dataclass(frozen=True, eq=False)
 class Anatomy:
-    """What moves what. forward, left (3,): the robot's axes in its zero pose, z up. legs, arms: by side, l or r.
-    pelvis, chest: nodes that carry them. head: node, None without."""
+    """The parts of a robot. forward, left (3,): its axes in the zero pose, z up. legs, arms: by side, l or r. pelvis,
+    chest: nodes that carry them. head: node, None without a head."""
 
     forward: FloatArray
     left: FloatArray
@@ -48,7 +47,7 @@ class Anatomy:
 
 
 def find_anatomy(tree: Tree, links: PartLinks) -> Anatomy:
-    """Find the joints of each part of a robot. A limb begins where its way from the base leaves that of the others."""
+    """Find the joints of each part of a robot. A limb begins where its path from the base leaves that of the others."""
     node = {part: tree.links[link] for part, link in links.model_dump().items() if link is not None}
     limbs: dict[str, dict[str, LimbNodes]] = {"sole": {}, "hand": {}}
     trunk = {number for part in ("pelvis", "chest", "head") if part in node for number in tree.path(node[part])}
@@ -73,8 +72,8 @@ def find_anatomy(tree: Tree, links: PartLinks) -> Anatomy:
 
 @dataclass(frozen=True, eq=False)
 class FoundFrame:
-    """A frame on a node. position (3,) m and axes (3, 3), columns x, y, z, in the world of the zero pose. about: what
-    it is, for a comment."""
+    """A frame on a node. position (3,), m, and axes (3, 3), columns x, y, z, in the world of the zero pose. about:
+    comment for the profile."""
 
     name: str
     node: int
@@ -85,7 +84,7 @@ class FoundFrame:
 
 @dataclass(frozen=True, eq=False)
 class FoundFrames:
-    """All frames by name, the soles by side, and what could not be found."""
+    """Frames by name, soles by side, and sentences on missing parts."""
 
     frames: dict[str, FoundFrame]
     feet: dict[str, Foot]
@@ -93,7 +92,7 @@ class FoundFrames:
 
 
 def find_frames(tree: Tree, anatomy: Anatomy) -> FoundFrames:
-    """Every frame that the body has a place for; both soles or none."""
+    """Find all frames, with both soles or none."""
     frames: list[FoundFrame] = []
     feet: dict[str, Foot] = {}
     missing: list[str] = []
@@ -125,7 +124,7 @@ def _leg(tree: Tree, anatomy: Anatomy, leg: LimbNodes, side: str) -> tuple[list[
     frames = [FoundFrame(f"{side}_hip", leg.parent, hip, axes, "where the axes of the hip meet")]
 
     def in_plane(node: int) -> FloatArray:
-        """The point of an axis that is in the middle plane of the leg."""
+        """The point of an axis in the middle plane of the leg."""
         axis, anchor = tree.nodes[node].axis, tree.nodes[node].anchor
         across = float(axis @ anatomy.left)
         return np.asarray(anchor + ((hip - anchor) @ anatomy.left) / across * axis if abs(across) > ACROSS else anchor)
@@ -154,7 +153,7 @@ def _leg(tree: Tree, anatomy: Anatomy, leg: LimbNodes, side: str) -> tuple[list[
 
 
 def wrist_of(tree: Tree, arm: LimbNodes) -> int | None:
-    """The first joint behind the elbow that does not turn about the forearm; None without."""
+    """Return the first joint behind the elbow that does not turn about the forearm, None if there is none."""
     if arm.bend is None:
         return None
     forearm = tree.points(arm.ends).mean(axis=0) - tree.nodes[arm.bend].anchor
@@ -183,7 +182,7 @@ def _arm(tree: Tree, anatomy: Anatomy, arm: LimbNodes, side: str) -> list[FoundF
 
 
 def _trunk(tree: Tree, anatomy: Anatomy, limbs: list[FoundFrame]) -> list[FoundFrame]:
-    """Pelvis, neck and head, of which neck and head are always made: a follower needs them."""
+    """Find pelvis, neck and head. Neck and head always exist, since a follower needs them."""
     places, axes = {frame.name: frame.position for frame in limbs}, anatomy.axes
     frames = []
     if "l_hip" in places and "r_hip" in places:
@@ -202,38 +201,38 @@ def _trunk(tree: Tree, anatomy: Anatomy, limbs: list[FoundFrame]) -> list[FoundF
 
 
 def tip(tree: Tree, arm: LimbNodes, start: FloatArray) -> FloatArray:
-    """Middle (3,) m of the far end of a hand, seen from `start`."""
+    """Middle (3,), m, of the far end of a hand, seen from `start` (3,)."""
     points = tree.points(arm.ends)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    way = middle - start
-    length = float(np.linalg.norm(way))
+    direction = middle - start
+    length = float(np.linalg.norm(direction))
     if length < 1e-6:
         return np.asarray(middle)
-    way = way / length
-    return np.asarray(start + float(((points - start) @ way).max()) * way)
+    direction = direction / length
+    return np.asarray(start + float(((points - start) @ direction).max()) * direction)
 
 
 def crossing(tree: Tree, node: int, other: int) -> FloatArray:
-    """The point (3,) of the axis of `node` that is nearest to the axis of `other`; where both are parallel, the one
-    nearest to the other's anchor."""
+    """Point (3,) of the axis of `node` that is nearest to the axis of `other`, or to its anchor if they are
+    parallel."""
     a, b = tree.nodes[node], tree.nodes[other]
-    way, cosine = b.anchor - a.anchor, float(a.axis @ b.axis)
+    offset, cosine = b.anchor - a.anchor, float(a.axis @ b.axis)
     if 1.0 - cosine * cosine < 1e-3:
-        along = float(way @ a.axis)
+        along = float(offset @ a.axis)
     else:
-        along = float((way @ a.axis - cosine * (way @ b.axis)) / (1.0 - cosine * cosine))
+        along = float((offset @ a.axis - cosine * (offset @ b.axis)) / (1.0 - cosine * cosine))
     return np.asarray(a.anchor + along * a.axis)
 
 
-# A drafted robot in a posture: where its frames and its centre of mass are.
+# Kinematics of a drafted robot.
 
 Angles = Mapping[str, float]
-"""Joint -> rad; joints that are not named are as near to 0 as their limits let them."""
+"""Joint -> rad. Other joints are as near to 0 as their limits allow."""
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """What a posture does: positions (3,) m and axes (3, 3) of frames by name, centre_of_mass (3,) m."""
+    """A posture in the world: positions (3,), m, and axes (3, 3) of frames by name, centre_of_mass (3,), m."""
 
     positions: dict[str, FloatArray]
     axes: dict[str, FloatArray]
@@ -241,7 +240,7 @@ class Placed:
 
 
 class Posed:
-    """Forward kinematics of one body, by joint names; the base stays where the file has it."""
+    """Forward kinematics of one body by joint names. The base stays as in the file."""
 
     def __init__(
         self, model: Any, tree: Tree, anatomy: Anatomy, found: FoundFrames, limits: Mapping[str, tuple[float, float]]
@@ -261,7 +260,7 @@ class Posed:
             self._local[name] = (link, turn.T @ (frame.position - self._data.xpos[link]), turn.T @ frame.axes)
 
     def entries(self) -> dict[str, tuple[ProfileFrame, str]]:
-        """The frames for a profile, each with what it is."""
+        """Frames for a profile, each with its comment."""
         found = {}
         for name, (link, position, axes) in self._local.items():
             quat = from_matrix(axes).round(6) + 0.0  # no -0
@@ -272,12 +271,12 @@ class Posed:
         return found
 
     def inside(self, joint: str, angle: float) -> float:
-        """The angle, drawn into the joint's limits."""
+        """Clamp an angle, rad, to the joint's limits."""
         low, high = self.limits[joint]
         return min(max(angle, low), high)
 
     def place(self, angles: Angles) -> Placed:
-        """Place everything with these angles, rad."""
+        """Compute frames and centre of mass of a posture."""
         self._data.qpos[:] = self._model.qpos0
         for joint, address in self._address.items():
             self._data.qpos[address] = angles[joint] if joint in angles else self.inside(joint, 0.0)

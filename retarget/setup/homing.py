@@ -1,4 +1,4 @@
-"""Homing: the operator places the limp robot in a known posture; the ticks read then become its calibration."""
+"""Homing: the operator places the limp robot in a known posture, and the ticks become its servo calibration."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,24 +14,20 @@ from retarget.schema.servo_calibration import HomedServo, ServoCalibration
 from retarget.types import Notify
 
 READS = 25
-"""Cycles that are read once the robot is in place."""
+"""Cycles of a reading."""
 PERIOD = 0.02  # [s] between cycles
-STILL = 0.01  # [rad] most that a joint may move during the cycles
+STILL_RAD = 0.01  # most that a joint may move during a reading
 TRIES = 5
-"""Times that the operator is asked to keep the robot still."""
+"""Readings of a robot that moves before homing fails."""
 FAR = 0.35
-"""A joint farther than this, rad, from the profile's zero was probably not placed, or is another one."""
+"""Largest plausible distance from the profile's zero, rad. A farther joint was not placed, or is another one."""
 FULL_TURN = 2.0 * np.pi
-"""One turn, rad."""
 
 
 @dataclass(frozen=True)
 class Homing:
-    """Result of homing for all n servos, those that were not chosen included.
-
-    ticks (n,): as read, on the turn that is nearest to the profile's zero. zero (n,): the zero ticks that follow.
-    off (n,): shift of the joints from the profile's zero, rad. chosen (n,): the servos to be homed.
-    """
+    """Result of homing for all n servos. ticks (n,): on the turn that is nearest to the profile's zero. zero (n,): the
+    resulting zero ticks. off (n,): shift from the profile's zero, rad. chosen (n,): the servos that are homed."""
 
     ticks: TickArray
     zero: TickArray
@@ -45,7 +41,8 @@ class Homing:
 
 
 def homed_columns(joint_map: JointMap, names: Sequence[str]) -> BoolArray:
-    """Mask (n,) of the joints of these names, all when there are none. Raises HardwareError: unknown, half a pair."""
+    """Return a mask (n,) of the named joints, or of all without names. Raises HardwareError for unknown joints, and for
+    one joint of a coupled pair."""
     unknown = [name for name in names if name not in joint_map.joints]
     if unknown:
         raise HardwareError(
@@ -67,7 +64,7 @@ def home(
     bus: ServoBus,
     joint_map: JointMap,
     posture: FloatArray,
-    ask: Callable[[str, bool], bool],
+    confirm: Callable[[str, bool], bool],
     notify: Notify,
     *,
     clock: Clock,
@@ -76,15 +73,15 @@ def home(
 ) -> Homing | None:
     """Read the servos of an open bus while the operator holds the robot in `posture` (n,), rad, called `name`.
 
-    joint_map: with the zero ticks of the profile. ask(question, enter): whether the operator agrees to go on; None is
-    returned if not. enter: whether ENTER alone is a yes, which it is not where torque goes off. Torque is off
-    afterwards, unless the operator refused that. Raises BusError: torque not off, a servo that is silent;
-    HardwareError: the robot is never still.
+    joint_map: with the zero ticks of the profile. confirm(question, enter): True if the operator agrees; else homing
+    ends with None. enter: True if ENTER alone is a yes, which it is not for torque off. Torque is off afterwards, if
+    the operator agreed to that. Raises BusError if torque stays on or a servo is silent, HardwareError if the robot is
+    never still.
     """
-    if not _limp(bus, ask, notify):
+    if not _limp(bus, confirm, notify):
         return None
     for _ in range(TRIES):
-        if not ask(f"Place the robot in the posture {name!r} and keep it still. Read now?", True):
+        if not confirm(f"Place the robot in the posture {name!r} and keep it still. Read now?", True):
             return None
         homing = _placed(bus, joint_map, posture, notify, clock=clock, chosen=chosen)
         if isinstance(homing, Homing):
@@ -96,7 +93,7 @@ def home_each(
     bus: ServoBus,
     joint_map: JointMap,
     posture: FloatArray,
-    ask: Callable[[str, bool], bool],
+    confirm: Callable[[str, bool], bool],
     choose: Callable[[str], str],
     notify: Notify,
     *,
@@ -104,13 +101,13 @@ def home_each(
     chosen: BoolArray,
     force: bool = False,
 ) -> Homing | None:
-    """As `home`, joint after joint, for an operator who cannot hold all of them; coupled joints come together.
+    """Like `home`, joint after joint, for an operator who cannot hold all of them. Coupled joints come together.
 
-    choose(question): "" reads the joint, "s" leaves it out, "e" ends. A joint that moves, is silent, or is far from the
-    profile's zero (without `force`) is asked for again. `chosen` of the result: those that were read; None: none.
-    Raises BusError: torque not off.
+    choose(question): "" reads the joint, "s" skips it, "e" ends. A joint that moves, is silent, or is far from the
+    profile's zero (without `force`) is tried again. `chosen` of the result: the joints that were read. Returns None if
+    there are none. Raises BusError if torque stays on.
     """
-    if not _limp(bus, ask, notify):
+    if not _limp(bus, confirm, notify):
         return None
     groups = _groups(joint_map, chosen)
     read: list[tuple[BoolArray, Homing]] = []
@@ -138,9 +135,9 @@ def home_each(
     return Homing(ticks, zero, off, np.logical_or.reduce([group for group, _ in read]))
 
 
-def _limp(bus: ServoBus, ask: Callable[[str, bool], bool], notify: Notify) -> bool:
-    """Switch torque off if the operator agrees; whether it is."""
-    if not ask("Torque goes off now: hold the robot, so that it does not fall. Go on?", False):
+def _limp(bus: ServoBus, confirm: Callable[[str, bool], bool], notify: Notify) -> bool:
+    """Switch torque off if the operator agrees, and return True if it is off."""
+    if not confirm("Torque goes off now: hold the robot, so that it does not fall. Go on?", False):
         return False
     bus.torque(False)
     notify("Torque is off.")
@@ -148,7 +145,7 @@ def _limp(bus: ServoBus, ask: Callable[[str, bool], bool], notify: Notify) -> bo
 
 
 def _groups(joint_map: JointMap, chosen: BoolArray) -> list[BoolArray]:
-    """Masks (n,) of the chosen joints, one by one; those of a coupling together."""
+    """Masks (n,) of the chosen joints, one for each joint or coupling."""
     groups: dict[tuple[str, ...], BoolArray] = {}
     for index, servo in enumerate(joint_map.servos):
         if chosen[index]:
@@ -167,7 +164,7 @@ def _read_joint(
     chosen: BoolArray,
     force: bool,
 ) -> Homing | None:
-    """One joint (or a coupled pair) as it is held now; None: it cannot be taken, and why was notified."""
+    """Read one joint (or a coupled pair). Returns None, after a notice, if it cannot be used."""
     try:
         homing = _placed(bus, joint_map, posture, notify, clock=clock, chosen=chosen)
     except BusError as error:
@@ -186,13 +183,13 @@ def _read_joint(
 def _placed(
     bus: ServoBus, joint_map: JointMap, posture: FloatArray, notify: Notify, *, clock: Clock, chosen: BoolArray
 ) -> Homing | str:
-    """The chosen joints as they are held now; those that moved, in words, which were notified. Raises BusError."""
+    """Read the chosen joints. Returns the names of those that moved, after a notice. Raises BusError."""
     read = _read(bus, joint_map, clock, chosen)
     moved: FloatArray = np.ptp(joint_map.to_radians(read), axis=0)
-    unsteady = chosen & (moved > STILL)
+    unsteady = chosen & (moved > STILL_RAD)
     if unsteady.any():
         joints, most = _named(joint_map, unsteady), moved[unsteady].max()
-        notify(f"The robot moved: {joints} by up to {most:.3f} rad, where {STILL:g} rad is allowed.")
+        notify(f"The robot moved: {joints} by up to {most:.3f} rad, where {STILL_RAD:g} rad is allowed.")
         return joints
     ticks = np.rint(np.median(read, axis=0)).astype(np.int64)
     profile = np.array([servo.zero_tick for servo in joint_map.servos])
@@ -204,7 +201,7 @@ def _placed(
 def calibration_of(
     robot: str, joint_map: JointMap, homing: Homing, posture: FloatArray, *, name: str, date: str
 ) -> ServoCalibration:
-    """Make the calibration (ticks) of the robot called `robot`; only the chosen servos are in it."""
+    """Make the calibration of a robot's chosen servos."""
     return ServoCalibration(
         robot=robot,
         servos={
@@ -224,10 +221,8 @@ def calibration_of(
 
 
 def _read(bus: ServoBus, joint_map: JointMap, clock: Clock, chosen: BoolArray) -> TickArray:
-    """Ticks (READS, n), without jumps of a whole turn.
-
-    A servo may be silent in less than half of the cycles; there its last ticks are repeated.
-    """
+    """Read ticks (READS, n), without jumps of a whole turn. The last ticks are repeated if a servo is silent. Raises
+    BusError if a chosen one is silent in more than half of the cycles."""
     rows, answers = [], []
     begun = clock.now()
     for index in range(READS):
@@ -252,7 +247,7 @@ def _read(bus: ServoBus, joint_map: JointMap, clock: Clock, chosen: BoolArray) -
 
 
 def _without_turns(joint_map: JointMap, ticks: TickArray) -> TickArray:
-    """Differences of ticks (..., n) within half a turn, where the encoder turns endlessly."""
+    """Wrap differences of ticks (..., n) to half a turn, for encoders without end."""
     models = [servo.model for servo in joint_map.servos]
     turn = np.array([model.ticks if np.isclose(model.travel, FULL_TURN) else 0 for model in models])
     near: TickArray = ticks - turn * np.rint(ticks / np.maximum(turn, 1)).astype(np.int64)

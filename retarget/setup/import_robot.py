@@ -1,4 +1,4 @@
-"""Imports a body file: a folder with a drafted profile and the body, written whole or not at all."""
+"""Import of a body file into a folder with a drafted profile and the body, written whole or not at all."""
 
 import re
 from dataclasses import dataclass, replace
@@ -33,7 +33,7 @@ OPTION = "--out"
 
 @dataclass(frozen=True, eq=False)
 class UnknownRobot:
-    """A robot that is read, and not yet imported. proposed: the links of its parts."""
+    """A robot that is read but not yet imported. proposed: the links of its parts."""
 
     source: Source
     body: BodyDraft
@@ -42,10 +42,7 @@ class UnknownRobot:
 
 
 def read_robot(path: Path, *, no_meshes: bool = False) -> UnknownRobot:
-    """Read a body, and propose the links of its parts. no_meshes: leave out meshes that cannot be read.
-
-    Raises InputError.
-    """
+    """Read a body, and propose the links of its parts. no_meshes: leave out unreadable meshes. Raises InputError."""
     source = read_source(path)
     body = draft_body(source, no_meshes=no_meshes)
     tree = read_tree(body.model, source=str(path))
@@ -54,13 +51,10 @@ def read_robot(path: Path, *, no_meshes: bool = False) -> UnknownRobot:
 
 @dataclass(frozen=True)
 class Imported:
-    """The folder that was written, and what is in its profile.
-
-    problems: what keeps a run from beginning, as `retarget check` says it; empty: it can be run. margin: how far (m)
-    the centre of mass is inside the soles, None without soles or with problems. rest: how it is at rest, in words.
-    wide: questioned ranges of joints, in words. drafts: lines that are marked so. again: True if the body file
-    must be corrected first.
-    """
+    """A written folder with its profile. problems: sentences of `retarget check`; a run can begin if there are none.
+    margin: distance of the centre of mass from the edge of the soles, m, None without soles or with problems. rest: its
+    rest in words. wide: questioned ranges of joints, in words. drafts: number of lines that are marked as drafts.
+    again: True if the body file must be corrected first."""
 
     folder: Path
     draft: Draft
@@ -80,10 +74,10 @@ def import_robot(
     name: str | None = None,
     servo: str = "",
 ) -> Imported:
-    """Draft a profile of a body, by its file, into the new folder `out`; None: named for the robot, here.
+    """Draft a profile of a body into the new folder `out`, by default one with the robot's name.
 
-    links: of its parts, for those that are proposed. servo: model of all servos; else by the file. Raises InputError,
-    UsageError, ConfigError, HardwareError, and leaves nothing behind.
+    links: replace proposed ones. servo: model of all servos, "" to choose them by the file. Raises InputError,
+    UsageError, ConfigError, HardwareError, and leaves no file behind then.
     """
     if out is not None:
         _check_out(out)
@@ -110,8 +104,7 @@ def import_robot(
 
 
 def _checked(folder: Path) -> tuple[tuple[str, ...], float | None, str, tuple[str, ...]]:
-    """What keeps a run from beginning, without the folder's passing name; how safely it stands; how it is at rest; wide
-    ranges."""
+    """Return `problems`, `margin`, `rest` and `wide` of `Imported`, without the name of the temporary folder."""
     try:
         robot = load_uncalibrated(folder)
         margin, rest = check_stand(robot), at_rest(robot)
@@ -129,7 +122,7 @@ def _check_out(out: Path) -> None:
 
 
 def _drafted(folder: Path, name: str, robot: UnknownRobot, given: PartLinks, servo: str) -> Draft:
-    """Write body and profile into the folder."""
+    """Draft the profile, and write it with its body into the folder."""
     body, tree = robot.body, robot.tree
     links = completed(robot.proposed, given, tree)
     anatomy = find_anatomy(tree, links)
@@ -149,7 +142,9 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: PartLinks, ser
     changed = [f"{one.joint} ({one.note})" for one in servos if one.note and one.joint not in body.limits]
     if changed:
         notes.append(f"limits that are not those of the body: {listed(changed)}")
-    notes += _one_link(links)
+    limbs = ((links.l_elbow, links.l_hand), (links.r_elbow, links.r_hand))
+    if both := [hand for elbow, hand in limbs if hand and elbow == hand]:
+        notes.append(f"forearm and hand are one link ({', '.join(both)}): its end is the hand")
     root = _root(folder / "body.xml", found, has_legs=bool(anatomy.legs), notes=notes)
     file = compile_body(folder / "body.xml", root=root)
     placed, soles = PlacedShapes(body_from_file(file), body.shapes), root == "free"
@@ -179,16 +174,8 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: PartLinks, ser
     return draft
 
 
-def _one_link(links: PartLinks) -> list[str]:
-    """A note on a link that is forearm and hand at once."""
-    both = [
-        hand for elbow, hand in ((links.l_elbow, links.l_hand), (links.r_elbow, links.r_hand)) if hand and elbow == hand
-    ]
-    return [f"forearm and hand are one link ({', '.join(both)}): its end is the hand"] if both else []
-
-
 def _root(body: Path, found: FoundFrames, *, has_legs: bool, notes: list[str]) -> Root:
-    """How it stands: free on two soles, if it can be set free; suspended on legs without soles, else fixed."""
+    """Return the root: free on two soles if the body can be set free, suspended for legs without soles, else fixed."""
     if found.feet:
         try:
             compile_body(body, root="free")

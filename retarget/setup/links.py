@@ -1,4 +1,4 @@
-"""The links that say what is what on a robot: proposed from the tree and its names, then given or accepted."""
+"""The links of a robot's parts: proposed from the tree and its names, then corrected by the user."""
 
 import re
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from retarget.types import FloatArray
 
 
 class PartLinks(Schema):
-    """The links of a robot's parts, as of `--links`; `null`: it has no such part. Of a part that is given for the left
-    alone the right one is its counterpart."""
+    """The links of a robot's parts, as of `--links`, null for an absent part. A part that is given only on
+    the left has its counterpart on the right."""
 
     pelvis: Name | None = None
     """Carries the legs."""
@@ -44,11 +44,11 @@ class PartLinks(Schema):
 
 PARTS = tuple(PartLinks.model_fields)
 BENDS = {"elbow": "hand", "knee": "sole"}
-"""What bends a limb, and its end."""
+"""Joint link and end of a limb."""
 
 
 def read_links(path: Path, tree: Tree) -> PartLinks:
-    """The parts that a file names. Raises ConfigError: all of its problems, with lines."""
+    """Read parts from a file. Raises ConfigError with all of its problems and their lines."""
 
     def check(links: PartLinks, document: Document) -> list[Problem]:
         return [unknown_name(document, (part,), "link", link, tree.links) for part, link in _unknown(links, tree)]
@@ -57,13 +57,13 @@ def read_links(path: Path, tree: Tree) -> PartLinks:
 
 
 def _unknown(given: PartLinks, tree: Tree) -> list[tuple[str, str]]:
-    """The parts and links that the body does not have."""
+    """Given parts whose links the body does not have."""
     named = given.model_dump(include=given.model_fields_set)
     return [(part, link) for part, link in named.items() if link is not None and link not in tree.links]
 
 
 def completed(proposed: PartLinks, given: PartLinks, tree: Tree) -> PartLinks:
-    """The proposal with what is given in its place. Raises ConfigError for links that cannot be those parts."""
+    """Replace proposed links by given ones. Raises ConfigError for links that cannot be those parts."""
     if unknown := _unknown(given, tree):
         known = listed(tree.links)
         problems = [
@@ -80,29 +80,29 @@ def completed(proposed: PartLinks, given: PartLinks, tree: Tree) -> PartLinks:
         if part.startswith("l_") and other not in given.model_fields_set:
             parts[other] = _counterpart(parts[part], proposed, part, tree)
             chosen.add(other)
-    ways = {part: tree.path(tree.links[link]) for part, link in parts.items() if link is not None}
+    paths = {part: tree.path(tree.links[link]) for part, link in parts.items() if link is not None}
 
     def refused(what: str, part: str, other: str) -> Problem:
         found = ", ".join(f"{one}: {parts[one]}" for one in (part, other) if parts.get(one))
         step = f"Name another link, or write {part}: null where it has none; retarget import in a terminal shows them"
         return Problem(what, "--links", found, next_step=step)
 
-    ends = [part for part in ways if part == "head" or part[2:] in BENDS.values()]
-    problems = [refused("the base is not the end of a limb", end, "") for end in ends if ways[end] == [BASE]]
+    ends = [part for part in paths if part == "head" or part[2:] in BENDS.values()]
+    problems = [refused("the base is not the end of a limb", end, "") for end in ends if paths[end] == [BASE]]
     problems += [
-        refused("one end of a limb carries the other, or is the same", *sorted(pair, key=lambda one: len(ways[one])))
-        for pair in combinations([end for end in ends if ways[end] != [BASE]], 2)
-        if ways[pair[0]][-1] in ways[pair[1]] or ways[pair[1]][-1] in ways[pair[0]]
+        refused("one end of a limb carries the other, or is the same", *sorted(pair, key=lambda one: len(paths[one])))
+        for pair in combinations([end for end in ends if paths[end] != [BASE]], 2)
+        if paths[pair[0]][-1] in paths[pair[1]] or paths[pair[1]][-1] in paths[pair[0]]
     ]
     for side in "lr" if not problems else "":
         for bend, last in BENDS.items():
             middle, end = f"{side}_{bend}", f"{side}_{last}"
-            if middle in ways and end not in ways:
+            if middle in paths and end not in paths:
                 parts[middle] = None  # nothing is left to bend
-            elif middle in ways and ways[middle][-1] not in ways[end][1:] and middle not in chosen:
-                parts[middle] = _bend(tree, ways[end], ways.get(f"{'r' if side == 'l' else 'l'}_{last}", []), end)
-            elif middle in ways and ways[middle][-1] not in ways[end][1:]:
-                problems.append(refused("not on the way from the trunk to the end of the limb", middle, end))
+            elif middle in paths and paths[middle][-1] not in paths[end][1:] and middle not in chosen:
+                parts[middle] = _bend(tree, paths[end], paths.get(f"{'r' if side == 'l' else 'l'}_{last}", []), end)
+            elif middle in paths and paths[middle][-1] not in paths[end][1:]:
+                problems.append(refused("not between the trunk and the end of the limb", middle, end))
             elif bend == "knee" and parts.get(middle) and parts[middle] == parts[end]:
                 problems.append(refused("the shin is not the foot", middle, end))
     if problems:
@@ -110,18 +110,18 @@ def completed(proposed: PartLinks, given: PartLinks, tree: Tree) -> PartLinks:
     return PartLinks.model_validate(parts)
 
 
-def _bend(tree: Tree, way: list[int], other: list[int], end: str) -> str | None:
-    """The elbow or knee of a limb whose end was given. way: its nodes from the base; other: those of the limb of the
+def _bend(tree: Tree, path: list[int], other: list[int], end: str) -> str | None:
+    """The elbow or knee of a limb with a given end. path, other: nodes from the base, of the limb and of that of the
     other side."""
-    nodes, side = [node for node in way if node not in (BASE, *other)], end[0]
+    nodes, side = [node for node in path if node not in (BASE, *other)], end[0]
     if not end.endswith("sole"):
         return _arm(tree, nodes, side, NORMALS[0])[f"{side}_elbow"]
-    apart = tree.nodes[way[-1]].anchor - tree.nodes[other[-1]].anchor if other else NORMALS[0]
-    return _leg(tree, nodes, side, max(NORMALS, key=lambda normal: abs(float(apart @ normal))))[f"{side}_knee"]
+    between = tree.nodes[path[-1]].anchor - tree.nodes[other[-1]].anchor if other else NORMALS[0]
+    return _leg(tree, nodes, side, max(NORMALS, key=lambda normal: abs(float(between @ normal))))[f"{side}_knee"]
 
 
 def _counterpart(link: str | None, proposed: PartLinks, part: str, tree: Tree) -> str | None:
-    """The link on the right of one on the left: by its name, else by its place on the limb."""
+    """The right counterpart of a left link: by its name, else by its place on the limb."""
     if link is None:
         return None
     for left, right in (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("l", "r"), ("L", "R")):
@@ -134,37 +134,37 @@ def _counterpart(link: str | None, proposed: PartLinks, part: str, tree: Tree) -
     return tree.nodes[path[place - 1]].names[0] if place <= len(path) else end
 
 
-# A proposal: limbs are branches in pairs, by names or as mirror images; what they are, names say first.
+# The proposal: limbs are pairs of branches, by names or as mirror images. Names decide first between arms and legs.
 
 TOLERANCE = 0.03
-"""Share of the robot's size: so far a mirrored part may be from its counterpart."""
+"""Largest distance of a mirrored part from its counterpart, as a share of the robot's size."""
 SIDES = {"l": 1, "left": 1, "r": -1, "right": -1}
 """Words of names: 1 for the left, -1 for the right."""
 ARM_WORDS = frozenset(words_of("arm sho shoulder upperarm el elbow forearm wrist hand palm gripper finger claw"))
 LEG_WORDS = frozenset(words_of("leg hip thigh femur knee shin shank tibia calf ankle ank foot feet sole toe"))
 HEAD_WORDS = frozenset(words_of("neck head face"))
 NORMALS = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
-"""A robot looks along x (REP-103), or along y."""
+"""Normals of the plane of symmetry: a robot faces x (REP-103), or y."""
 HIPS = 0.6
-"""Share of the trunk's height: legs begin no higher."""
+"""Highest place of hips, as a share of the trunk's height."""
 LOW = 0.1
-"""Share of the robot's height: feet end so near to its lowest point."""
+"""Highest place of the ends of feet, as a share of the robot's height."""
 FINGERS = 0.3
-"""Share of a limb's length: branches that reach no further are fingers, and the limb ends before them."""
+"""Longest fingers, as a share of a limb's length. The limb ends before them."""
 LEAST_JOINTS = 2
-"""Joints that make a limb."""
+"""Fewest joints of a limb."""
 ACROSS = 0.8
-"""Least cosine between an axis and the left of the robot that makes it one of hip, knee or ankle pitch."""
+"""Least cosine between the left of the robot and an axis of hip, knee or ankle pitch."""
 LEVER = 0.2
-"""Share of an arm's length: a joint that moves the hand less is a twist or a wrist."""
+"""Shortest lever arm of an elbow, as a share of an arm's length. Shorter ones are twists or wrists."""
 
 Pair = tuple[int, int]
 """First nodes of two limbs, the one farther along the normal first."""
 
 
 def propose_links(tree: Tree, *, welded: bool = False) -> PartLinks:
-    """The links of a robot's parts, as far as its names and its tree show them. welded: True if its torso is fixed to
-    the world, so that two limbs of which nothing else is known are arms."""
+    """Propose the links of a robot's parts from names and tree. welded: True if its torso is fixed to the world:
+    then limbs of unknown kind are arms."""
     normal, pairs = max(
         ((normal, _pairs(tree, normal)) for normal in NORMALS),
         key=lambda found: sum(len(tree.below(node)) for pair in found[1] for node in pair),
@@ -174,7 +174,11 @@ def propose_links(tree: Tree, *, welded: bool = False) -> PartLinks:
         if len(arm) < LEAST_JOINTS:
             return PartLinks()
         return PartLinks.model_validate({"chest": _link(tree, BASE), **_arm(tree, arm, "r", normal)})
-    kinds = {pair: _kind(tree, pair) for pair in pairs}
+    # Above 0 if most names on the limbs are those of an arm, below 0 for a leg.
+    kinds = {
+        pair: sum((word in ARM_WORDS) - (word in LEG_WORDS) for first in pair for word in _words(tree, first))
+        for pair in pairs
+    }
     low = [pair for pair in pairs if kinds[pair] < 0 or (not kinds[pair] and not welded and _is_leg(tree, pair, pairs))]
     legs = min(low, key=lambda pair: tree.nodes[pair[0]].anchor[2], default=None)
     rest = [pair for pair in pairs if pair not in low]
@@ -192,12 +196,12 @@ def propose_links(tree: Tree, *, welded: bool = False) -> PartLinks:
 
 
 def _link(tree: Tree, node: int) -> str | None:
-    """The link that a joint moves, or the first one of the base."""
+    """The link that a joint moves, or the first link of the base."""
     return next(iter(tree.nodes[node].names), None)
 
 
 def chain(tree: Tree, first: int) -> list[int]:
-    """The nodes of a limb, from its first one outwards, to where it ends in fingers or in nothing."""
+    """Return the nodes of a limb, from the first one outwards, without fingers."""
     nodes, length = [first], 0.0
     while branches := tree.children(nodes[-1]):
         spans = [_span(tree, branch) for branch in branches]
@@ -210,7 +214,7 @@ def chain(tree: Tree, first: int) -> list[int]:
 
 
 def _pairs(tree: Tree, normal: FloatArray) -> list[Pair]:
-    """Limbs on the trunk: branches that are left and right of the same name, or mirror images along a normal (3,)."""
+    """Pairs of limbs: branches whose names differ only by side, or that are mirror images along a normal (3,)."""
     found, waiting = list[Pair](), [BASE]
     while waiting:
         branches = tree.children(waiting.pop())
@@ -220,7 +224,9 @@ def _pairs(tree: Tree, normal: FloatArray) -> list[Pair]:
             aside = abs(float(between @ normal))
             if aside >= 0.7 * float(np.linalg.norm(between[:2])) > 0.0:
                 off = _off_mirror(tree, normal, one, other)
-                if _are_named(tree, one, other) or off <= TOLERANCE * tree.size:
+                (side, words), (other_side, other_words) = side_of(tree, one), side_of(tree, other)
+                are_named = side * other_side == -1 and words == other_words
+                if are_named or off <= TOLERANCE * tree.size:
                     tried.append((off, (one, other) if between @ normal > 0.0 else (other, one)))
         for _, pair in sorted(tried):
             if all(node in branches for node in pair) and min(len(chain(tree, node)) for node in pair) >= LEAST_JOINTS:
@@ -231,23 +237,23 @@ def _pairs(tree: Tree, normal: FloatArray) -> list[Pair]:
 
 
 def _off_mirror(tree: Tree, normal: FloatArray, one: int, other: int) -> float:
-    """The largest distance, m, of a part of one branch from the mirror image of a part of the other."""
+    """Largest distance, m, between a part of one branch and the mirror image of the other."""
     first, second = (np.array([tree.nodes[node].middle for node in tree.below(branch)]) for branch in (one, other))
     if len(first) != len(second):
         return np.inf
     offset = 0.5 * float((first.mean(axis=0) + second.mean(axis=0)) @ normal)
     image = first - 2.0 * ((first @ normal) - offset)[:, None] * normal
-    apart = np.linalg.norm(image[:, None] - second, axis=2)
-    return float(max(apart.min(axis=0).max(), apart.min(axis=1).max()))
+    distances = np.linalg.norm(image[:, None] - second, axis=2)
+    return float(max(distances.min(axis=0).max(), distances.min(axis=1).max()))
 
 
 def _mark(tree: Tree, node: int) -> FloatArray:
-    """Where a branch is: the mean of the middles of its parts."""
+    """Place (3,) of a branch: the mean of the middles of its parts."""
     return np.asarray(np.mean([tree.nodes[n].middle for n in tree.below(node)], axis=0))
 
 
 def side_of(tree: Tree, node: int) -> tuple[int, list[str]]:
-    """1 for a joint or link of the left by its name, -1 of the right, 0 of neither; the other words of that name."""
+    """Return the side of a node by its names, 1 left, -1 right, 0 neither, and the other words of the name."""
     for name in (tree.nodes[node].joint, *tree.nodes[node].names[:1]):
         words = words_of(name)
         side = next((SIDES[word] for word in words if word in SIDES), 0)
@@ -256,26 +262,14 @@ def side_of(tree: Tree, node: int) -> tuple[int, list[str]]:
     return 0, []
 
 
-def _are_named(tree: Tree, one: int, other: int) -> bool:
-    """True if names say that two nodes are left and right of each other."""
-    (side, words), (other_side, other_words) = side_of(tree, one), side_of(tree, other)
-    return side * other_side == -1 and words == other_words
-
-
-def _kind(tree: Tree, pair: Pair) -> int:
-    """Above 0 where most names on the limbs are of an arm, below 0 of a leg."""
-    words = [word for first in pair for word in _words(tree, first)]
-    return sum((word in ARM_WORDS) - (word in LEG_WORDS) for word in words)
-
-
 def _words(tree: Tree, branch: int) -> list[str]:
-    """The words in names of the joints and links of a branch."""
+    """Words in the names of the joints and links of a branch."""
     nodes = [tree.nodes[node] for node in tree.below(branch)]
     return [word for node in nodes for name in (node.joint, *node.names) for word in words_of(name)]
 
 
 def _is_leg(tree: Tree, pair: Pair, pairs: list[Pair]) -> bool:
-    """True if a pair ends at the bottom of the robot and begins low on its trunk; arms that hang begin high up."""
+    """True if a pair ends at the bottom of the robot and begins low on its trunk. Hanging arms begin high."""
     limbs = {node for one in pairs for first in one for node in tree.below(first)}
     heights, trunk = (
         tree.points([node for node in range(len(tree.nodes)) if node not in out])[:, 2] for out in (set[int](), limbs)
@@ -287,13 +281,13 @@ def _is_leg(tree: Tree, pair: Pair, pairs: list[Pair]) -> bool:
 
 
 def _span(tree: Tree, branch: int) -> float:
-    """How far (m) a branch reaches from its first axis."""
+    """Largest distance of a point of a branch from its first axis, m."""
     return float(np.linalg.norm(tree.points(tree.below(branch)) - tree.nodes[branch].anchor, axis=1).max())
 
 
 def _points_left(tree: Tree, normal: FloatArray, legs: Pair | None, arms: Pair | None) -> float:
-    """Above 0 where the normal points to the left of the robot: by names, by feet longer ahead of the ankle, by hands
-    ahead of the shoulders."""
+    """Return a number above 0 if the normal points to the left of the robot: by names, by feet that are longer ahead of
+    the ankle, and by hands ahead of the shoulders."""
     ahead, total = np.cross(normal, UP), 0.0
     for pair in (legs, arms):
         if pair is not None:
@@ -313,12 +307,12 @@ def _points_left(tree: Tree, normal: FloatArray, legs: Pair | None, arms: Pair |
 
 
 def pitch_joints(tree: Tree, nodes: Sequence[int], left: FloatArray) -> list[int]:
-    """Find the nodes of a leg whose axes lie across the robot, from the hip down. left (3,): or its opposite."""
+    """Return the nodes of a leg whose axes lie across the robot, from the hip down. left (3,): or its opposite."""
     return [node for node in nodes if abs(tree.nodes[node].axis @ left) > ACROSS]
 
 
 def _leg(tree: Tree, nodes: list[int], side: str, normal: FloatArray) -> dict[str, str | None]:
-    """The foot, and as the knee the pitch joint that is farthest from both ends of the leg."""
+    """The foot, and the knee: the pitch joint that is farthest from both ends of the leg."""
     pitches, floor = pitch_joints(tree, nodes, normal), float(tree.points(tree.below(nodes[-1]))[:, 2].min())
     heights = {node: float(tree.nodes[node].anchor[2]) for node in pitches}
     top = max((heights[node] for node in pitches), default=0.0)
@@ -328,7 +322,7 @@ def _leg(tree: Tree, nodes: list[int], side: str, normal: FloatArray) -> dict[st
 
 
 def _arm(tree: Tree, nodes: list[int], side: str, normal: FloatArray) -> dict[str, str | None]:
-    """The hand, and as the elbow the joint nearest to the middle of the arm that moves the hand."""
+    """The hand, and the elbow: the joint nearest to the middle of the arm that moves the hand."""
     hand, start = tree.points(tree.below(nodes[-1])).mean(axis=0), tree.nodes[nodes[0]].anchor
     places = np.array([*(tree.nodes[node].anchor for node in nodes), hand])
     least = LEVER * float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
@@ -340,7 +334,7 @@ def _arm(tree: Tree, nodes: list[int], side: str, normal: FloatArray) -> dict[st
 
 
 def _head(tree: Tree, pairs: list[Pair], chest: int, pelvis: int, normal: FloatArray) -> str | None:
-    """The branch of the trunk, neither chest nor pelvis, that is named so, else that reaches highest in the middle."""
+    """The last link of the branch of the trunk that is named for a head, else that reaches highest in the middle."""
     limbs = {first for pair in pairs for first in pair}
     trunk = {*tree.path(chest), *tree.path(pelvis)}
     branches = [n for n, node in enumerate(tree.nodes) if node.parent in trunk and n not in trunk and n not in limbs]

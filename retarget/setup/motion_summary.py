@@ -1,4 +1,4 @@
-"""What is in a recording, in numbers: sensors, body size, heights, speeds, and the jumps that no human could make."""
+"""Summary of a recording: sensors, body size, heights, speeds, and jumps that are impossible for a human."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,9 @@ from retarget.types import FloatArray
 
 TRUNK_SPEED = 8.0
 LIMB_SPEED = 15.0
-"""Speeds (m/s) that pelvis, chest and head, or hands and feet, do not exceed outside of competitive sport."""
+"""Greatest speeds of pelvis, chest and head, and of hands and feet, outside of competitive sport, m/s."""
 TURN_SPEED = np.radians(5000.0)
-"""Speed (rad/s) at which no segment turns, except an arm in a professional throw."""
+"""Greatest angular speed of a segment, except of an arm in a professional throw, rad/s."""
 TRUNK = ("pelvis", "chest", "head")
 
 _BONES = {
@@ -30,7 +30,7 @@ _SPANS = {
 
 @dataclass(frozen=True)
 class Jump:
-    """A sensor that moves impossibly fast. frame: the first of the two, from 0. The rest is from one to the other."""
+    """A step of a sensor that is impossibly fast. frame: index of its first frame."""
 
     frame: int
     time_s: float
@@ -41,11 +41,8 @@ class Jump:
 
 @dataclass(frozen=True)
 class SensorSummary:
-    """What a recording holds of one sensor.
-
-    valid, oriented: share of frames with a position, with an orientation. Heights (m) and speed (m/s) are of the valid
-    frames, NaN if there is none.
-    """
+    """Summary of one sensor. valid, oriented: shares of frames with a position and with an orientation. Heights and
+    speed are those of valid frames, NaN if there is none."""
 
     name: str
     valid: float
@@ -58,11 +55,8 @@ class SensorSummary:
 
 @dataclass(frozen=True)
 class MotionSummary:
-    """What a recording holds in all.
-
-    stature_m: of the rest skeleton, None where there is none. lengths_m: bone -> length, mean of both sides. travel_m:
-    diagonal of the floor that the trunk covers.
-    """
+    """Summary of a recording. stature_m: of the rest skeleton, if there is one. lengths_m: bone -> length, mean of both
+    sides. travel_m: diagonal of the floor that the trunk covers."""
 
     source: str
     frames: int
@@ -78,9 +72,9 @@ class MotionSummary:
 
 
 def summarise(frames: SensorFrames) -> MotionSummary:
-    """Look at every frame of a recording."""
+    """Summarise all frames of a recording."""
     jumps = find_jumps(frames)
-    # Speed (T - 1, k) m/s of every sensor, NaN where either frame is invalid.
+    # Speeds (T - 1, k), m/s, NaN if either frame is invalid.
     speed = np.linalg.norm(np.diff(frames.position, axis=0), axis=-1) / np.diff(frames.time)[:, None]
     sensors = tuple(_sensor(frames, i, speed, jumps) for i in range(len(frames.names)))
     trunk = next((name for name in TRUNK if name in frames.names), frames.names[0])
@@ -102,7 +96,7 @@ def summarise(frames: SensorFrames) -> MotionSummary:
 
 
 def find_jumps(frames: SensorFrames) -> tuple[Jump, ...]:
-    """Steps between valid frames that are faster than a human, in the order of time."""
+    """Return steps between valid frames that are faster than a human, in the order of time."""
     interval = np.diff(frames.time)[:, None]
     distance = np.linalg.norm(np.diff(frames.position, axis=0), axis=-1)
     turn = rotations.angle_between(frames.orientation[:-1], frames.orientation[1:])
@@ -122,7 +116,7 @@ def find_jumps(frames: SensorFrames) -> tuple[Jump, ...]:
 
 
 def body_lengths(skeleton: Skeleton) -> dict[str, float]:
-    """Lengths (m) of the rest skeleton, as far as it knows the joints; of paired bones the mean of both sides."""
+    """Return lengths, m, between known joints of the rest skeleton, the mean of both sides for paired bones."""
     lengths = {}
     for bone, (a, b) in _BONES.items():
         sides = [

@@ -1,4 +1,4 @@
-"""Postures of a drafted robot: stand, neutral, rest and attractor, clear of itself."""
+"""Postures of a drafted robot without self-contact: stand, neutral, rest and attractor."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,24 +13,24 @@ from retarget.setup.tree import UP
 from retarget.types import FloatArray
 
 ARM_REST, LEG_REST = 0.02, 0.003
-"""Weights of staying near 0: joints that do not matter stay there."""
+"""Weights that keep joints near 0, so that joints without another goal stay there."""
 BEND = 0.9
-"""[rad] of the knee, from which the search starts."""
+"""Initial bend of the knee, rad."""
 FLAT, OVER = 0.01, 0.02
-"""A sole is flat within so much (rad); the centre of mass is over its middle, and the leg as long as asked, within so
-much of the leg's length, twice."""
+"""Tolerances of a standing posture: tilt of a sole, rad, and twice the errors of centre of mass and leg, as shares of
+the leg's length."""
 SPREADS = (0.3, 0.5, 0.75, 1.1)
-"""[rad] How far upper arms are from the side, tried one after the other until nothing touches."""
+"""Angles of upper arms from the side, rad, tried in this order until nothing touches."""
 CROUCHES = (0.5, 0.58, 0.66, 0.74, 0.82, 0.9)
-"""Shares of the stretched leg, deepest first, tried for the posture at rest."""
+"""Shares of the stretched leg that are tried for the posture at rest."""
 ARMS = {"neutral": (0.0, 0.0, 0.6), "stand": (0.0, 0.1, 0.9), "attractor": (0.25, 0.5, 1.0), "rest": (0.05, 0.0, 0.5)}
-"""Angles, rad, of the arms in each posture: what is added to the spread, upper arm ahead, and bend of the elbow."""
+"""Angles of the arms, rad: additional spread, upper arm ahead, and bend of the elbow."""
 LEGS = {"neutral": 0.968, "stand": 0.955, "attractor": 0.87}
 """Shares of the stretched leg."""
 
 
 def leg_length(posed: Posed, side: str = "l") -> float:
-    """Distance (m) from hip to ankle along the leg, which is that of the stretched leg."""
+    """Length of the stretched leg from hip to ankle, m."""
     at = posed.place({}).positions
     path = np.array([at[name] for part in ("hip", "knee", "ankle") if (name := f"{side}_{part}") in at])
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
@@ -38,17 +38,17 @@ def leg_length(posed: Posed, side: str = "l") -> float:
 
 @dataclass(frozen=True)
 class FoundPosture:
-    """angles: rad by joint. stands: True if soles are flat, the centre of mass is over their middle, and the legs have
-    the length asked."""
+    """A posture. angles: rad by joint. stands: True if soles are flat, the centre of mass is over their middle, and the
+    legs have the desired length."""
 
     angles: dict[str, float]
     stands: bool
 
 
 def find_posture(posed: Posed, *, spread: float, ahead: float, bend: float, share: float | None) -> FoundPosture:
-    """A posture with the trunk upright: upper arms down, `spread` out to the side and `ahead` to the front, elbows bent
-    to the front by `bend`, rad, as near to that as the arms get. share: of the longest distance of hip and ankle, on
-    flat soles with the centre of mass over their middle; None: the legs stay at 0."""
+    """Find a posture with an upright trunk by least squares. Upper arms hang, `spread` to the side and `ahead` to the
+    front, with elbows bent to the front by `bend`, rad. share: desired distance of hip and ankle as a share of
+    `leg_length`, on flat soles with the centre of mass over their middle; None leaves the legs at 0."""
     anatomy, zero = posed.anatomy, posed.place({}).positions
     arms, legs = anatomy.arms, anatomy.legs if share is not None else {}
     weights, start = _joints(posed, legs)
@@ -91,8 +91,7 @@ def find_posture(posed: Posed, *, spread: float, ahead: float, bend: float, shar
 
 
 def _joints(posed: Posed, legs: Mapping[str, LimbNodes]) -> tuple[dict[str, float], dict[str, float]]:
-    """The weight with which each joint of arms and legs stays near 0, and rad from which the search starts: thigh
-    ahead, shin back, foot flat."""
+    """Weights near 0 of the joints of arms and legs, and initial angles, rad: thigh ahead, shin back, foot flat."""
     tree, left = posed.tree, posed.anatomy.left
     weights, start = dict[str, float](), dict[str, float]()
     for arm in posed.anatomy.arms.values():
@@ -111,7 +110,7 @@ def _joints(posed: Posed, legs: Mapping[str, LimbNodes]) -> tuple[dict[str, floa
 def _hand_targets(
     posed: Posed, side: str, zero: dict[str, FloatArray], spread: float, ahead: float, bend: float
 ) -> tuple[dict[str, FloatArray], float]:
-    """Where elbow and hand go (3,) m, and the length of the arm, m."""
+    """Target positions (3,), m, of elbow and hand, and the length of the arm, m."""
     anatomy = posed.anatomy
     outward = anatomy.left if side == "l" else -anatomy.left
     place, last, targets, length = zero[f"{side}_shoulder"], zero[f"{side}_shoulder"], dict[str, FloatArray](), 1e-6
@@ -126,7 +125,7 @@ def _hand_targets(
 
 
 def _whole(posed: Posed, angles: Angles) -> dict[str, float]:
-    """The non-zero angles of a posture in the order of the body; joints whose limits exclude 0 are moved inside."""
+    """Non-zero angles of a posture in the order of the body. Joints whose limits exclude 0 are clamped."""
     whole = {}
     for node in posed.tree.nodes[1:]:
         low, high = posed.limits[node.joint]
@@ -137,12 +136,12 @@ def _whole(posed: Posed, angles: Angles) -> dict[str, float]:
 
 
 Touching = Callable[[Angles, Angles], frozenset[frozenset[str]]]
-"""The pairs of links that touch in a posture, seen from the neutral one, see `PlacedShapes.touching`."""
+"""Return the pairs of links that touch in a posture, given the neutral one, see `PlacedShapes.touching`."""
 
 
 def find_postures(posed: Posed, *, soles: bool, touching: Touching) -> dict[str, FoundPosture]:
-    """The four postures of a drafted profile: arms as near to the trunk, and the crouch at rest as deep, as nothing
-    touches. soles: True if it stands."""
+    """Find the four postures of a drafted profile. Arms are as near to the trunk, and the crouch at rest as deep, as is
+    possible without contact. soles: True if the robot stands."""
     best, least = dict[str, FoundPosture](), np.inf
     for spread in SPREADS if posed.anatomy.arms else SPREADS[:1]:
         found = {

@@ -1,23 +1,26 @@
-"""Reads the body file of an import: finds its meshes, and mends what a URDF declares before MuJoCo sees it."""
+"""The body file of an import: reads it, finds its meshes, and prepares a URDF for MuJoCo."""
 
 import copy
 import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from io import BytesIO
 from itertools import takewhile
 from math import isfinite
 from pathlib import Path
 from shlex import quote
+from typing import Any
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.typing import NDArray
 
-from retarget.errors import InputError, Problem
+from retarget.errors import InputError, Problem, install_step
 from retarget.model.body_xml import MAX_BYTES, body_xml, read_body
 from retarget.schema import strict_models
-from retarget.setup.collada_mesh import COLLADA, binary_stl, collada_triangles
+from retarget.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +34,13 @@ class Source:
 
     @property
     def name(self) -> str:
-        """What the file calls its robot, else its own name."""
+        """Name of the robot in the file, else name of the file."""
         return (self.root.get("name") or self.root.get("model") or self.path.stem).strip() or self.path.stem
 
 
 def read_source(path: Path) -> Source:
-    """Read a body file, and look at every file that it includes. Raises InputError, of other files of ours with what
-    they are for."""
+    """Read a body file with all files that it includes. Raises InputError, for motions and configurations with the
+    command that takes them."""
     from retarget.sources.open import SUFFIXES
 
     name, suffix = quote(str(path)), path.suffix.lower()
@@ -52,30 +55,29 @@ def read_source(path: Path) -> Source:
     return Source(path, xml.kind, content, xml.root)
 
 
-# The files of meshes: found whatever the case of their names, and whatever path the file has for them.
+# The files of meshes.
 
+COLLADA = ".dae"
 OF_MUJOCO = (".stl", ".obj", ".msh")
 """Meshes that MuJoCo reads."""
 READABLE = (*OF_MUJOCO, COLLADA)
 PACKAGE_DEPTH = 6
 """Folders above the body in which its package may be."""
 MOST_FILES = 20_000
-"""Files below a folder that are looked at."""
+"""Most files below a folder that are searched."""
 MOST_FACES = 200_000
-"""MuJoCo reads no larger STL file."""
+"""Most triangles of an STL file in MuJoCo."""
 _PLACE = re.compile(r"^\w+://|\$\(find\s+([^)]*)\)")
 _VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)")
+_ENTITY = re.compile(rb"<!(?:DOCTYPE|ENTITY)")
 
 
 class MeshFiles:
-    """The meshes that a body file names, each read once.
-
-    names: of those that were read, by the names that MuJoCo has for them. contents: their bytes, by the same names.
-    problems: files that are there and cannot be read.
-    """
+    """The meshes of a body file, each read once. names: in the file, by their names in MuJoCo. contents: their bytes.
+    problems: files that exist but cannot be read."""
 
     def __init__(self, body: Path, *, leaves_out: bool = False) -> None:
-        """body: the file. leaves_out: what is in COLLADA and cannot be read is as if it were not there."""
+        """body: the file. leaves_out: treat unreadable COLLADA files as missing."""
         self._body, self._leaves_out = body, leaves_out
         self._indices: dict[Path, dict[str, list[Path]]] = {}
         self.names: dict[str, str] = {}
@@ -83,15 +85,17 @@ class MeshFiles:
         self.problems: list[Problem] = []
 
     def find(self, name: str) -> Path | None:
-        """The file of a name, see `_find`; None: there is none, or no system can have such a name."""
+        """Return the file of a name, None if there is none or the name is invalid.
+
+        Other places than that in the name are the body's folder and its package, by the longest match of the end of the
+        path in any case. A file beside a COLLADA file that MuJoCo reads replaces it.
+        """
         try:
             return self._find(name)
         except (OSError, ValueError):
             return None
 
     def _find(self, name: str) -> Path | None:
-        """The file of a name: where the name says, else below the body's folder or the package of the name, by as much
-        of the end of its path as there is. A mesh that MuJoCo cannot read stands for one beside it that it can."""
         parts = [part for part in _PLACE.sub(r"\1", name.replace("\\", "/")).split("/") if part not in ("", ".")]
         parts = [unquote(part) for part in parts] if "://" in name else parts
         ups = parts.count("..")
@@ -109,7 +113,7 @@ class MeshFiles:
         return next(below, None) or next(iter(exact), None)
 
     def _below(self, root: Path, tail: list[str]) -> Path | None:
-        """The file below a folder whose path has most of the end of `tail`."""
+        """The file below a folder whose path has the longest match with the end of `tail`."""
         root = Path(os.path.normpath(root))
         if root not in self._indices:
             index = self._indices[root] = dict[str, list[Path]]()
@@ -133,7 +137,7 @@ class MeshFiles:
         return min(found)[-1] if found else None
 
     def read(self, name: str) -> str | None:
-        """The name that MuJoCo has for the mesh of a name; None: there is no such file."""
+        """Read a mesh, and return its name in MuJoCo; None if there is no such file."""
         known = {user: own for own, user in self.names.items()}
         if name in known:
             return known[name]
@@ -159,7 +163,7 @@ class MeshFiles:
         return key
 
     def _binary(self, content: bytes, path: Path) -> bytes:
-        """The content of an STL file, which may be text, as MuJoCo reads it."""
+        """Convert an STL file, which may be text, to the binary form that MuJoCo reads."""
         faces = int.from_bytes(content[80:84], "little")
         if content[:5].lower() == b"solid" and len(content) != 84 + 50 * faces:
             try:
@@ -178,7 +182,7 @@ class MeshFiles:
         return content
 
     def in_words(self, text: str) -> str:
-        """A message of MuJoCo with the names that the body file has."""
+        """Replace names of MuJoCo in a message by those in the body file."""
         for key, name in sorted(self.names.items(), key=lambda item: -len(item[0])):
             text = text.replace(key, name).replace(f"'{Path(key).stem}'", f"'{name}'")
         return text
@@ -189,7 +193,7 @@ def _is_mesh(path: Path) -> bool:
 
 
 def missing_meshes(names: list[str], source: Source) -> Problem:
-    """Meshes without which a link has no shape."""
+    """The problem of meshes without which a link has no shape."""
     return Problem(
         "meshes that cannot be read, without which soles and hands cannot be found",
         str(source.path),
@@ -199,7 +203,50 @@ def missing_meshes(names: list[str], source: Source) -> Problem:
     )
 
 
-# A URDF made ready for import: limits, joints that no servo turns, links without mass, meshes.
+def collada_triangles(content: bytes, *, source: str) -> FloatArray:
+    """Return the triangles (t, 3, 3), m, of the scene of a COLLADA file, in the axes of the file: `up_axis` is ignored,
+    as in ROS (rviz, Gazebo). Raises InputError without pycollada, or if it cannot read the file."""
+    try:
+        import collada
+    except ImportError:
+        what = "COLLADA meshes (.dae) need pycollada"
+        raise InputError(
+            what, next_step=install_step("pycollada") + ", or give --no-meshes to leave them out"
+        ) from None
+    try:
+        if _ENTITY.search(content):
+            raise ValueError("entities, which no mesh needs")
+        # Errors of materials and pictures do not matter here.
+        file = collada.Collada(BytesIO(content), ignore=[collada.common.DaeError])
+        metres = float(file.assetInfo.unitmeter or 1.0)
+        placed = [] if file.scene is None else [*file.scene.objects("geometry")]
+        found = [_corners(part) for one in placed for part in one.primitives()]
+    except Exception as error:
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        step = "Export it again, or convert it to .stl beside it"
+        raise InputError("a mesh that cannot be read", where=source, found=reason[0][:200], next_step=step) from error
+    return metres * np.concatenate([np.zeros((0, 3, 3)), *found])
+
+
+def _corners(primitive: Any) -> FloatArray:
+    """Corners (t, 3, 3) of a bound primitive of triangles or polygons; none of lines."""
+    if hasattr(primitive, "triangleset"):
+        primitive = primitive.triangleset()
+    index = primitive.vertex_index
+    if index is None or index.ndim != 2 or index.shape[1] != 3:
+        return np.zeros((0, 3, 3))
+    corners: FloatArray = np.asarray(primitive.vertex, dtype=float)[index]
+    return corners
+
+
+def binary_stl(corners: NDArray[np.floating[Any]]) -> bytes:
+    """Return triangles (t, 3, 3) as a binary STL file."""
+    rows = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+    rows["corners"] = corners
+    return bytes(80) + len(corners).to_bytes(4, "little") + rows.tobytes()
+
+
+# Preparation of a URDF: limits, joints without servo, links without mass, meshes.
 
 TURNS = ("revolute", "continuous")
 KNOWN = (*TURNS, "fixed", "prismatic", "floating", "planar")
@@ -209,8 +256,8 @@ INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 @dataclass(frozen=True, eq=False)
 class ReadyUrdf:
-    """A URDF that is imported. notes: what was changed. limited: names of joints with limits. speeds: joint -> rad/s
-    that the file states. welded: True if its torso is fixed to a link `world`."""
+    """A prepared URDF. notes: changes. limited: names of joints with limits. speeds: joint -> rad/s in the file.
+    welded: True if its torso is fixed to a link `world`."""
 
     text: str
     notes: list[str]
@@ -220,11 +267,8 @@ class ReadyUrdf:
 
 
 def ready_urdf(source: Source, meshes: MeshFiles, *, no_meshes: bool, looks: bool = False) -> ReadyUrdf:
-    """The URDF as it is imported, its meshes read. no_meshes: leave out meshes that cannot be read. looks: keep the
-    <visual> shapes of links that have others to collide with, too.
-
-    Raises InputError with all of its problems.
-    """
+    """Prepare a URDF, and read its meshes. no_meshes: leave out unreadable meshes. looks: also keep <visual> shapes of
+    links with <collision> shapes. Raises InputError with all of its problems."""
     root, notes = copy.deepcopy(source.root), list[str]()
     problems = [
         *_joints(root, source, notes),
@@ -244,7 +288,7 @@ def ready_urdf(source: Source, meshes: MeshFiles, *, no_meshes: bool, looks: boo
 
 
 def _joints(root: ElementTree.Element, source: Source, notes: list[str]) -> Iterator[Problem]:
-    """Make rigid what no servo of its own drives; limit what turns on and on, but states limits."""
+    """Make joints without a servo of their own rigid, and limit continuous joints that have limits."""
     found: dict[str, list[str]] = {}
     bounded = list[str]()
     for joint in root.findall("joint"):
@@ -271,14 +315,14 @@ def _joints(root: ElementTree.Element, source: Source, notes: list[str]) -> Iter
 
 
 def _limit(joint: ElementTree.Element, key: str) -> float:
-    """A number of a joint's <limit>; 0 where it is absent, as URDF has it, and nan for what is no number."""
+    """A number of a joint's <limit>, 0 if it is absent, as in URDF, NaN if it is not a number."""
     limit = joint.find("limit")
     return 0.0 if limit is None or limit.get(key) is None else _number(limit.get(key))
 
 
 def _masses(root: ElementTree.Element, source: Source, notes: list[str]) -> Iterator[Problem]:
-    """Problems of <inertial> with parts that are missing or no numbers, each once with all its links, and of a robot
-    without any mass, which cannot be balanced; a note for links with a shape and no mass."""
+    """Problems of <inertial>, each with all of its links, and of a robot without mass, which cannot be balanced. Adds a
+    note on links with a shape and no mass."""
     links, found = root.findall("link"), dict[str, list[str]]()
     bare, heavy = [], False
     for link in links:
@@ -317,9 +361,9 @@ def _number(text: str | None) -> float:
 def _meshes(
     root: ElementTree.Element, source: Source, meshes: MeshFiles, notes: list[str], *, no_meshes: bool, looks: bool
 ) -> Iterator[Problem]:
-    """Leave each link its <collision> shapes, and where one of them is missing or there are none, its <visual> ones:
-    what cannot be read is missing where no complete kind stands for it. looks: also leave what is seen beside complete
-    <collision> shapes, if all of it can be read."""
+    """Keep the <collision> shapes of each link, and its <visual> ones if the former are incomplete or absent.
+    Unreadable meshes are problems if neither kind is complete. looks: also keep readable <visual> shapes beside
+    complete <collision> ones."""
     missing, dropped = dict[str, None](), list[str]()
     for link in root.findall("link"):
         shapes, unread = [link.findall(kind) for kind in SHAPES], list[str]()
@@ -356,7 +400,7 @@ def _meshes(
 
 
 def _is_read(shape: ElementTree.Element, meshes: MeshFiles, unread: list[str]) -> bool:
-    """True for a shape that can be used: its mesh is read, or it has none."""
+    """True for a shape without mesh, or whose mesh was read."""
     mesh = shape.find("geometry/mesh")
     if mesh is None:
         return True
@@ -370,5 +414,5 @@ def _is_read(shape: ElementTree.Element, meshes: MeshFiles, unread: list[str]) -
 
 
 def listed(names: list[str]) -> str:
-    """The first names, and how many more there are."""
+    """The first names, and the number of the others."""
     return strict_models.listed((name if len(name) <= 60 else f"...{name[-57:]}" for name in names), limit=8)

@@ -1,4 +1,4 @@
-"""A draft of every servo: a model whose torque is that of the body file, limits and speeds that it can serve."""
+"""Drafts of servos: a model for the torque of the body file, with limits and speeds that it can reach."""
 
 import math
 import re
@@ -19,32 +19,33 @@ from retarget.setup.frames import Anatomy
 from retarget.setup.tree import Tree
 
 SPARE_SPEED = 0.9
-"""Share of the no-load speed: the rest leaves the servo some torque."""
+"""Share of the no-load speed that is used, so that the servo keeps some torque."""
 SPARE_TORQUE = 0.5
-"""Share of the stall torque that accelerates; the rest is for gravity."""
+"""Share of the stall torque that accelerates. The rest is for gravity."""
 ACCELERATIONS = (8.0, 40.0)
+"""Least and greatest acceleration, rad/s^2."""
 IN_LEGS = 30.0
-"""[rad/s^2] most in legs and trunk, which carry more than hangs on them."""
-ALIKE = 1.35
+"""Greatest acceleration in legs and trunk, rad/s^2, since they carry more than hangs on them."""
+SAME_MODEL = 1.35
 """Largest ratio of a stated torque to a model's stall torque that identifies the model."""
 UNKNOWN = "XM430-W350"
 NO_TORQUE = "the body states no torque"
 PLACEHOLDER_NM = 1000.0
-"""[N m] A torque from here on stands for none: joints of humanoids of the size of a person have up to 400."""
+"""Torque from which on it is a placeholder, N m: joints of humanoids of human size have up to 400."""
 STRONGER = "no known model has"
-"""Begins the reason of a servo that only stands for a stronger one."""
+"""First words of `ServoDraft.why` if the joint needs a stronger servo."""
 LOW_VOLTAGE = 6.0
-"""[V] servos made for less (5 V) do not share a line with the others."""
+"""Servos for less (5 V) do not share a line with the others, V."""
 SHORTEST = 4
-"""Letters of a model that its name is known by inside of others."""
+"""Fewest letters by which a model is recognised in a longer name."""
 END_TICKS = 4
-"""Limits stay so many ticks inside the servo's travel."""
+"""Distance of limits from the ends of the servo's travel, ticks."""
 
 
 @dataclass(frozen=True)
 class ServoDraft:
-    """A servo as drafted. why: by what the model was chosen. note: what was changed of the joint, for a comment.
-    numbered: whether the id is the number in its name, and not its place in the order of the body."""
+    """A drafted servo. why: reason of the model. note: change of the joint, for a comment. numbered: True if the id is
+    the number in its name, else it is its place in the body."""
 
     joint: str
     entry: Servo
@@ -54,8 +55,8 @@ class ServoDraft:
 
 
 def models_in_names(names: Iterable[str]) -> list[ServoModel]:
-    """The servo models that names of meshes and links tell, that of most names first. A series alone (xl330) tells its
-    first model."""
+    """Return the servo models in names of meshes and links, the most frequent one first. A series (xl330) stands for
+    its first model."""
     plain = [re.sub("[^a-z0-9]", "", name.lower()) for name in names]
     for length in (None, 1):  # XL330-M288, then XL330, but not MX
         known = {"".join(name.lower().split("-")[:length]): name for name in reversed(SERVO_MODELS)}
@@ -67,15 +68,19 @@ def models_in_names(names: Iterable[str]) -> list[ServoModel]:
 
 
 def guess_servos(body: BodyDraft, tree: Tree, anatomy: Anatomy, *, model: str = "") -> tuple[ServoDraft, ...]:
-    """A servo for each hinge. Ids are the numbers in the names of the joints, else from 1 in the order of the body.
-    model: of all servos; else as names of meshes and links tell it, else by torque and speed.
+    """Draft a servo for each hinge. Ids are the numbers in the names of the joints, else places in the body, from 1.
+    model: of all servos; "" to choose it by the names of meshes and links, else by torque and speed.
 
     Raises HardwareError for an unknown model, InputError for limits that no servo reaches.
     """
     torques, speeds = _torques(body.model), body.speeds
     stated = [torque for torque in torques.values() if torque > 0.0]
-    told = [find_model(model)] if model else models_in_names([*body.hints, *tree.links])
-    candidates = told or _candidates(max(stated, default=0.0))
+    named = [find_model(model)] if model else models_in_names([*body.hints, *tree.links])
+    candidates = named
+    if not named:  # models of protocol 2 and one layout, with the supply of the one nearest to the strongest joint
+        known = [entry for entry in SERVO_MODELS.values() if 2 in entry.protocols and entry.layout is Layout.X]
+        nearest = _chosen(known, max(stated, default=0.0), 0.0)[0]
+        candidates = [one for one in known if (one.voltage < LOW_VOLTAGE) == (nearest.voltage < LOW_VOLTAGE)]
     inertias = _inertias(body.model)
     carrying = {node for leg in anatomy.legs.values() for node in leg.nodes}
     carrying |= {*tree.path(anatomy.chest), *tree.path(anatomy.pelvis)}
@@ -83,7 +88,7 @@ def guess_servos(body: BodyDraft, tree: Tree, anatomy: Anatomy, *, model: str = 
     for number, node in enumerate(tree.nodes[1:], 1):
         torque = torques.get(node.joint, 0.0)
         chosen, why = candidates[0], "as given" if model else "by the names in the file"
-        if (len(told) > 1 and torque > 0.0) or not told:
+        if (len(named) > 1 and torque > 0.0) or not named:
             chosen, why = _chosen(candidates, torque, speeds.get(node.joint, 0.0))
         limits, note = _limits(node.joint, node.lower, node.upper, chosen)
         note = "; ".join(filter(None, (body.limits.get(node.joint, ""), note)))
@@ -108,7 +113,7 @@ def guess_servos(body: BodyDraft, tree: Tree, anatomy: Anatomy, *, model: str = 
 
 
 def _numbers(names: Iterable[str]) -> list[int]:
-    """The number that each joint's name ends with, or holds; none unless they are different ids of servos."""
+    """Return the last, or first, number in each joint's name; [] unless they are distinct ids of servos."""
     found = [re.findall("[0-9]+", name) for name in names]
     for place in (-1, 0):
         numbers = [int(one[place]) for one in found if one]
@@ -117,16 +122,8 @@ def _numbers(names: Iterable[str]) -> list[int]:
     return []
 
 
-def _candidates(strongest: float) -> list[ServoModel]:
-    """Models of protocol 2 and one layout, of one supply: that of the model which is nearest to the strongest joint,
-    N m."""
-    known = [entry for entry in SERVO_MODELS.values() if 2 in entry.protocols and entry.layout is Layout.X]
-    nearest = _chosen(known, strongest, 0.0)[0]
-    return [entry for entry in known if (entry.voltage < LOW_VOLTAGE) == (nearest.voltage < LOW_VOLTAGE)]
-
-
 def _chosen(candidates: list[ServoModel], torque: float, speed: float) -> tuple[ServoModel, str]:
-    """The model whose stall torque, and speed if stated, is nearest by ratio."""
+    """Return the model whose stall torque, N m, and speed, rad/s, if stated, are nearest by ratio, and the reason."""
     if torque <= 0.0:
         return SERVO_MODELS[UNKNOWN], NO_TORQUE
 
@@ -135,14 +132,14 @@ def _chosen(candidates: list[ServoModel], torque: float, speed: float) -> tuple[
         return abs(math.log(torque / entry.stall_torque)) + 0.5 * fast
 
     best = min(candidates, key=off)
-    if abs(math.log(torque / best.stall_torque)) > math.log(ALIKE):
+    if abs(math.log(torque / best.stall_torque)) > math.log(SAME_MODEL):
         strength = f"{torque:.3g} N m, the nearest {best.stall_torque:g}"
         return best, f"{STRONGER if torque > best.stall_torque else 'no model is as weak as'} {strength}"
     return best, f"by its {torque:.3g} N m"
 
 
 def _torques(model: Any) -> dict[str, float]:
-    """Most torque (N m) that the file states for each joint, without placeholders."""
+    """Return the torque, N m, that the file states for each joint, without placeholders."""
     import mujoco
 
     torques = {}
@@ -158,10 +155,8 @@ def _torques(model: Any) -> dict[str, float]:
 
 
 def _inertias(model: Any) -> dict[str, float]:
-    """Inertia (kg m^2) about each hinge of all that hangs on it, in the zero pose, with the armature.
-
-    It is the diagonal of the joint-space inertia matrix.
-    """
+    """Return the inertia, kg m^2, about each hinge in the zero pose, with the armature: the diagonal of the joint-space
+    inertia matrix."""
     import mujoco
 
     data, matrix = mujoco.MjData(model), np.zeros((model.nv, model.nv))
@@ -171,7 +166,7 @@ def _inertias(model: Any) -> dict[str, float]:
 
 
 def _limits(joint: str, lower: float, upper: float, model: ServoModel) -> tuple[tuple[float, float], str]:
-    """The joint's range inside the servo's travel with 0 at its middle."""
+    """Return the part of the joint's range, rad, inside of the servo's travel, with 0 at its middle, and a note."""
     half = 0.5 * model.travel - END_TICKS * model.tick_rad
     low, high = max(lower, -half), min(upper, half)
     if not (math.isfinite(lower) and math.isfinite(upper)):
@@ -188,7 +183,7 @@ def _limits(joint: str, lower: float, upper: float, model: ServoModel) -> tuple[
 
 
 def _down(value: float) -> float:
-    """Rounded inwards from below to 1e-6 rad."""
+    """Round a lower limit inwards to 1e-6 rad."""
     return math.ceil(value * 1e6 - 1e-3) / 1e6
 
 

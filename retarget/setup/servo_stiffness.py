@@ -23,21 +23,21 @@ from retarget.model.robot import RobotBody
 from retarget.types import FloatArray, IntArray
 
 LEVELS = 7
-"""Goals at which the joint is held, from either side: twice as many equations as a fit with three unknowns needs."""
+"""Goals at which the joint is held, each from both sides: more than four equations per unknown."""
 HOLD_S = 2.0
-"""[s] that a goal is held; the shaft is read in the second half, when it has settled."""
+"""Time for which a goal is held, s. The shaft is read in the second half, when it has settled."""
 TURN_RAD = 0.8
-"""[rad] Most by which the joint turns to either side of `stand`: the weight of a limb changes most until there."""
+"""Largest turn to either side of `stand`, rad: the weight of a limb changes most within it."""
 STEP_RAD = 0.05
-"""[rad] Steps in which its way is looked at for contact."""
+"""Step of the search for contacts, rad."""
 CLEAR_M = 0.01
-"""[m] that it keeps from other links, where it has so much in `stand`."""
+"""Least distance from other links, m, except from those that are nearer in `stand`."""
 SHARE = 0.3
-"""Share of the speed of the slow approach: no goal swings the limb."""
+"""Share of the approach speed, so that no goal swings the limb."""
 LEAST_TICKS = 12.0
-"""[tick] Least change of deflection that is worth a measurement: a tenth of it is the rounding of the encoder."""
-SURE = 2.0
-"""Standard errors on either side of the result: 95 % of all measurements are within."""
+"""Least change of deflection that is worth a measurement, ticks: a tenth of it is the rounding of the encoder."""
+STANDARD_ERRORS = 2.0
+"""Half width of the interval of the result, in standard errors: 95 % of all measurements are within."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class Hung:
 
 @dataclass(frozen=True, eq=False)
 class HeldGoals:
-    """The way of one joint, with all others in `stand`. column: of the joint; servo: its servo. goals (T, n): rad,
-    servo order, a tick from row to row. torques (2,): N m of the joint, least and most on the way."""
+    """The trajectory of one joint, with all others in `stand`. column, servo: of the joint. goals (T, n): rad, servo
+    order, a row per tick. torques: least and largest load of the joint, N m."""
 
     column: int
     servo: ServoSpec
@@ -60,15 +60,14 @@ class HeldGoals:
 
     @property
     def range(self) -> tuple[float, float]:
-        """Lowest and highest angle of the joint on its way, rad."""
-        way = self.goals[:, self.column]
-        return float(way.min()), float(way.max())
+        """Lowest and highest angle of the joint, rad."""
+        path = self.goals[:, self.column]
+        return float(path.min()), float(path.max())
 
 
 @dataclass(frozen=True)
 class MeasuredStiffness:
-    """Of a shaft, N m/rad: `value`, and `lowest` to `highest` between which it is for certain. friction: N m. count: of
-    the goals held."""
+    """Stiffness of a shaft, N m/rad, with its 95 % interval `lowest` to `highest`. friction: N m. count: of goals."""
 
     value: float
     lowest: float
@@ -78,23 +77,23 @@ class MeasuredStiffness:
 
 
 def held_goals(robot: RobotBody, joint: str, hung: Hung | None, *, dt: float) -> HeldGoals:
-    """The goals of a measurement of one joint of a robot whose root is fixed upright, in ticks of `dt` s.
+    """Return the goals of a measurement of one joint of a robot whose root is fixed upright. dt: tick, s.
 
-    Raises UsageError for a joint that cannot be measured so, and where the load changes too little.
+    Raises UsageError for a joint that cannot be measured, or whose load changes too little.
     """
     column, servo = _column(robot, joint)
     stand = robot.posture(robot.profile.postures.stand)
-    low, high = _way(robot, column, stand)
+    low, high = _clear_range(robot, column, stand)
     levels = np.linspace(low, high, LEVELS)
     stops = np.concatenate([levels, levels[-2::-1]])
     speed = SHARE * robot.profile.safety.speed_caps.approach * servo.max_velocity
-    way = [np.full(round(HOLD_S / dt), stops[0])]
+    parts = [np.full(round(HOLD_S / dt), stops[0])]
     for start, end in pairwise(stops.tolist()):
         # Minimum jerk: at most 15/8 of the mean speed, from rest to rest.
         share = np.linspace(0.0, 1.0, round(15.0 / 8.0 * abs(end - start) / speed / dt) + 2)[1:-1]
-        way += [start + (end - start) * share**3 * (10.0 + share * (6.0 * share - 15.0))]
-        way += [np.full(round(HOLD_S / dt), end)]
-    path = np.concatenate(way)
+        parts += [start + (end - start) * share**3 * (10.0 + share * (6.0 * share - 15.0))]
+        parts += [np.full(round(HOLD_S / dt), end)]
+    path = np.concatenate(parts)
     goals = np.tile(stand[robot.servo_columns], (len(path), 1))
     goals[:, column] = path
     torque = load_torques(robot, column, goals, hung)
@@ -104,7 +103,7 @@ def held_goals(robot: RobotBody, joint: str, hung: Hung | None, *, dt: float) ->
         raise UsageError(
             "too little load for a measurement",
             where=f"--joint {joint}",
-            found=f"{torque.min():.2f} to {torque.max():.2f} N m on its way: about {ticks:.0f} ticks of the encoder",
+            found=f"{torque.min():.2f} to {torque.max():.2f} N m: about {ticks:.0f} ticks of the encoder",
             allowed=f"{LEAST_TICKS:.0f} ticks or more",
             next_step="Hang a weight on the limb (--weight KG --at FRAME), or take another joint: a hip's pitch",
         )
@@ -112,8 +111,8 @@ def held_goals(robot: RobotBody, joint: str, hung: Hung | None, *, dt: float) ->
 
 
 def load_torques(robot: RobotBody, column: int, joints: FloatArray, hung: Hung | None) -> FloatArray:
-    """Torque (T,), N m, with which a joint holds the weight on it at rest, in postures `joints` (T, n) rad. column: of
-    the joint in servo order. The robot's root is upright."""
+    """Return the torque (T,), N m, that holds the weight on a joint in postures `joints` (T, n), rad, servo order, with
+    the root upright. column: of the joint."""
     body, solver = robot.body, robot.body.solver_body()
     dof = body.dof_index(robot.joint_map.joints[column])
     frame = None if hung is None else robot.frame(hung.frame)
@@ -129,14 +128,14 @@ def load_torques(robot: RobotBody, column: int, joints: FloatArray, hung: Hung |
 
 
 def fit(torque: FloatArray, deflection: FloatArray, side: IntArray, *, resolution: float) -> MeasuredStiffness | None:
-    """The stiffness of which torques (k,) N m, deflections (k,) rad and the sides (k,) from which the goals came, 1 or
-    -1, are. resolution: rad, of the encoder. None: it is as good as infinite."""
+    """Fit the stiffness to torques (k,), N m, deflections (k,), rad, and sides (k,) from which the goals came, 1 or -1.
+    resolution: of the encoder, rad. Returns None if the compliance is not above its error."""
     known = np.column_stack([torque, np.ones_like(torque), side])
     found, *_ = np.linalg.lstsq(known, deflection)
     rest = deflection - known @ found
     variance = max(float(rest @ rest) / max(len(torque) - 3, 1), resolution**2 / 12.0)
     compliance, _, friction = found.tolist()
-    error = SURE * float(np.sqrt(variance * np.linalg.inv(known.T @ known)[0, 0]))
+    error = STANDARD_ERRORS * float(np.sqrt(variance * np.linalg.inv(known.T @ known)[0, 0]))
     if compliance <= error:
         return None
     return MeasuredStiffness(
@@ -151,7 +150,8 @@ def fit(torque: FloatArray, deflection: FloatArray, side: IntArray, *, resolutio
 def measured(
     robot: RobotBody, held: HeldGoals, goals: FloatArray, present: FloatArray, hung: Hung | None, *, dt: float
 ) -> MeasuredStiffness | None:
-    """What goals (T, n) that were sent and angles `present` (T, n) that were read say, rad; None: nothing."""
+    """Return the stiffness from sent goals and measured angles `present`, (T, n) each, rad; None if it cannot be
+    determined."""
     column, gear = held.column, held.servo.gear
     settle = round(0.5 * HOLD_S / dt)
     sent = goals[:, column]
@@ -188,8 +188,8 @@ def _column(robot: RobotBody, joint: str) -> tuple[int, ServoSpec]:
     return column, servo
 
 
-def _way(robot: RobotBody, column: int, stand: FloatArray) -> tuple[float, float]:
-    """The range around `stand` (nq,), rad, through which a joint turns within its limits, and clear of the robot."""
+def _clear_range(robot: RobotBody, column: int, stand: FloatArray) -> tuple[float, float]:
+    """Range of a joint around `stand` (nq,), rad, within its limits and clear of the robot."""
     observers, place = robot_observers(robot), robot.servo_columns[column]
     servo, q = robot.joint_map.servos[column], stand.copy()
 

@@ -1,4 +1,4 @@
-"""A simple shape around each link of a body: its geometry as balls, and of a capsule and a box the smaller one."""
+"""A simple shape around each link of a body: the smaller one of a capsule and a box."""
 
 import math
 import re
@@ -15,21 +15,21 @@ from retarget.rotations import from_matrix, normalise, rotate, shortest_arc, to_
 from retarget.types import FloatArray
 
 MIN_RADIUS = 1e-4
-"""[m] thinner geometry gets this radius, or this half size of a box."""
+"""Smallest radius, and half size of a box, m."""
 DIGITS = 5
-"""Decimals of lengths in m: shapes are rounded outwards to them, so that what is written still encloses."""
+"""Decimals of lengths in m. Shapes are rounded outwards to them, so that the written shape still encloses."""
 ROUNDED = 1e-3
 """Share of a volume that rounding may change."""
 WIDER = (1.0, 1.05, 1.12, 1.25)
-"""A capsule is tried so many times as thick as it must be: its caps then reach over less of the ends."""
+"""Factors on the smallest radius of a capsule that are tried: a thicker one may be shorter."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinkShape:
-    """A capsule (a ball where it has no length) or a box around link `link_name`, whose number is `link`, in its frame.
+    """A capsule (a ball if it has no length) or a box around a link, in the frame of the link.
 
-    size (3,), pos (3,) m and quat (4,) wxyz: as the solver and MuJoCo take them. ratio: its volume over that of the
-    geometry's convex hull, None where that is flat. around_mesh: True if a mesh is part of the geometry.
+    link, link_name: index and name. size (3,), pos (3,), m, quat (4,), wxyz: as in MuJoCo. ratio: its volume over that
+    of the geometry's convex hull, None for a flat hull. around_mesh: True if a mesh is part of the geometry.
     """
 
     link: int
@@ -43,13 +43,13 @@ class LinkShape:
 
     @property
     def ends(self) -> tuple[FloatArray, FloatArray]:
-        """The ends (3,) m of the segment of a capsule."""
+        """Ends (3,), m, of the segment of a capsule."""
         half = rotate(self.quat, np.array([0.0, 0.0, self.size[1]]))
         return self.pos - half, self.pos + half
 
     @property
     def entry(self) -> dict[str, Any]:
-        """The shape as a profile holds it, for `retarget.schema.profile_parts.Shape`."""
+        """The shape for a profile, see `retarget.schema.profile_parts.Shape`."""
         if self.kind is ShapeKind.BOX:
             turn = {} if abs(self.quat[0]) > 1.0 - 1e-12 else {"quat": self.quat.tolist()}
             return {"box": {"pos": self.pos.tolist(), **turn, "size": self.size.tolist()}}
@@ -60,9 +60,10 @@ class LinkShape:
 
 
 def enclosing_capsule(centres: FloatArray, radii: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Start (3,), end (3,) and radius (m) of a small capsule around balls with centres (k, 3) and radii (k,), m.
+    """Return start (3,), end (3,) and radius, m, of a small capsule around balls, centres (k, 3) and radii (k,), m.
 
-    It is the smallest of those along `axes` (j, 3) and the balls' own spread, through the middle of their shadow.
+    It is the smallest of those along the frame's axes, `axes` (j, 3) and the principal axes, each through the middle
+    of the projection along the axis.
     """
     found = []
     for u in (*np.eye(3), *principal_axes(centres), *axes):
@@ -85,7 +86,7 @@ def enclosing_capsule(centres: FloatArray, radii: FloatArray, axes: FloatArray) 
 
 
 def principal_axes(points: FloatArray) -> FloatArray:
-    """Unit vectors (3, 3), as rows, along which points (k, 3) spread, most first."""
+    """Principal axes (3, 3) of points (k, 3) as rows, the one of the largest spread first."""
     # All of U would be (k, k); V has three rows without it, except of one or two points.
     return np.asarray(np.linalg.svd(points - points.mean(axis=0), full_matrices=len(points) < 3)[2])
 
@@ -103,8 +104,8 @@ def distances_to_segment(points: FloatArray, start: FloatArray, end: FloatArray)
 
 
 def enclosing_box(geometry: "LinkGeometry") -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Size (3,), position (3,) m and quat (4,) of the smallest box along the link's own axes, its geoms' or the
-    principal ones; in doubt of the earlier of these. It is rounded outwards to DIGITS."""
+    """Return size (3,), position (3,), m, and quat (4,) of the smallest box along the axes of the link, of its geoms,
+    or the principal ones, the earlier one if they are as large. It is rounded outwards to DIGITS."""
     centres, radii = geometry.centres, geometry.radii[:, None]
     principal = principal_axes(centres).T
     boxes = []
@@ -120,7 +121,7 @@ def enclosing_box(geometry: "LinkGeometry") -> tuple[FloatArray, FloatArray, Flo
 
 
 def fitted_shape(geometry: "LinkGeometry") -> LinkShape:
-    """Of a capsule and a box around a link the smaller one."""
+    """Return the smaller one of a capsule and a box around a link."""
     size, pos, quat = enclosing_box(geometry)
     kind, volume = ShapeKind.BOX, 8.0 * float(size.prod())
     start, end, radius = enclosing_capsule(
@@ -137,9 +138,9 @@ def fitted_shape(geometry: "LinkGeometry") -> LinkShape:
 
 
 def fitted_shapes(model: Any, *, source: str) -> tuple[LinkShape, ...]:
-    """A shape around each link of a `mujoco.MjModel` that has geometry, in the model's order. source: names it.
+    """Fit a shape around each link of a `mujoco.MjModel` with geometry, in the model's order. source: for messages.
 
-    Raises InputError: no link has geometry, more have than a profile holds observers, or one has no name.
+    Raises InputError if no link has geometry, more than MAX_LINKS have, or a name cannot be used.
     """
     geometries = link_geometries(model)
     nameless = [geometry for geometry in geometries if not NAME.fullmatch(geometry.name)]
@@ -159,28 +160,23 @@ def fitted_shapes(model: Any, *, source: str) -> tuple[LinkShape, ...]:
     return tuple(fitted_shape(geometry) for geometry in geometries)
 
 
-# The volume of each link of a compiled body, as the convex hull of balls in the link's own frame.
-#
-# Spheres, capsules, boxes and meshes are such hulls exactly. Cylinders and ellipsoids lie inside theirs, which is
-# larger by 0.1 % and 0.5 %, so that what encloses the balls always encloses the geom.
+# The geometry of each link as balls, whose convex hull encloses it. The hull is exact for spheres, capsules, boxes and
+# meshes, and larger by 0.1 % for cylinders and 0.5 % for ellipsoids.
 
 RIM_POINTS = 64
 BALL_POINTS = 800
 MOST_AXES = 50
-"""Orientations of a link's geoms that its shape is tried along: each takes a millisecond and more."""
+"""Orientations of geoms that are tried for the shape of a link. Each takes a millisecond and more."""
 MAX_LINKS = 200
-"""A profile holds no more observers."""
+"""Most observers of a profile."""
 NAME = re.compile(r"[^\s/\\]{1,80}")
-"""Names of links that a profile can hold, as `schema.Name`."""
+"""Names of links that a profile accepts, as `schema.Name`."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinkGeometry:
-    """centres (k, 3) and radii (k,) of the balls, m; axes (j, 3, 3): different orientations of the link's geoms, as
-    columns, MOST_AXES at most.
-
-    link, name: index and name. around_mesh: True if one of the geoms is a mesh.
-    """
+    """Balls of a link, centres (k, 3) and radii (k,), m, and axes (j, 3, 3): distinct orientations of its geoms, axes
+    as columns, at most MOST_AXES. link, name: index and name. around_mesh: True if one of the geoms is a mesh."""
 
     link: int
     name: str
@@ -191,7 +187,7 @@ class LinkGeometry:
 
 
 def link_geometries(model: Any) -> tuple[LinkGeometry, ...]:
-    """The geometry of every link that has some, in the model's order: of its geoms those that collide, else all."""
+    """Return the geometry of each link that has any, in the model's order: its colliding geoms, else all."""
     import mujoco
 
     found, collides = [], (model.geom_contype | model.geom_conaffinity) != 0
@@ -220,7 +216,7 @@ def link_geometries(model: Any) -> tuple[LinkGeometry, ...]:
 
 
 def _balls(model: Any, geom: int) -> tuple[FloatArray, float] | None:
-    """Centres (k, 3) in the geom's frame and their common radius, m; None for what has no volume."""
+    """Centres (k, 3) in the geom's frame and their common radius, m; None for a plane or height field."""
     import mujoco
 
     kind, size = mujoco.mjtGeom(int(model.geom_type[geom])), np.array(model.geom_size[geom])
@@ -248,7 +244,7 @@ def _balls(model: Any, geom: int) -> tuple[FloatArray, float] | None:
 
 
 def convex_hull(points: FloatArray) -> ConvexHull | None:
-    """Convex hull of points (k, 2) or (k, 3) m, or None where they are flat."""
+    """Convex hull of points (k, 2) or (k, 3), None if they are flat."""
     try:
         return ConvexHull(points)
     except (QhullError, ValueError):
@@ -256,13 +252,14 @@ def convex_hull(points: FloatArray) -> ConvexHull | None:
 
 
 def hull_of_balls(centres: FloatArray, radii: FloatArray, ball: FloatArray) -> ConvexHull | None:
-    """Convex hull of balls with centres (k, 3) and radii (k,), each as the unit vectors `ball` (n, 3); None: flat."""
+    """Convex hull of balls, centres (k, 3) and radii (k,), each sampled along unit vectors `ball` (n, 3); None if it is
+    flat."""
     round_ones = [c + r * ball for c, r in zip(centres, radii, strict=True) if r > 0.0]
     return convex_hull(np.concatenate([centres[radii == 0.0], *round_ones]))
 
 
 def _sphere_points(count: int) -> FloatArray:
-    """Evenly spread unit vectors (count, 3): a Fibonacci lattice."""
+    """Fibonacci lattice of unit vectors (count, 3)."""
     z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
     angle = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(count)
     flat = np.sqrt(1.0 - z**2)
@@ -271,7 +268,7 @@ def _sphere_points(count: int) -> FloatArray:
 
 DIRECTIONS = _sphere_points(BALL_POINTS)
 """Evenly spread unit vectors (n, 3)."""
-# Blown up until its faces touch the unit ball from outside: equations are n.x + offset = 0 with offset < 0.
+# Scaled so that its faces touch the unit ball from outside: equations are n.x + offset = 0 with offset < 0.
 _AROUND_BALL = DIRECTIONS / float(-ConvexHull(DIRECTIONS).equations[:, 3].max())
 
 
@@ -280,5 +277,5 @@ def _round(values: FloatArray) -> FloatArray:
 
 
 def round_up(value: float) -> float:
-    """Round to DIGITS decimals, never below; a value within 1e-12 above a decimal counts as that decimal."""
+    """Round up to DIGITS decimals. A value within 1e-12 above a decimal counts as that decimal."""
     return round(math.ceil(value * 10.0**DIGITS - 10.0 ** (DIGITS - 12)) / 10.0**DIGITS, DIGITS)

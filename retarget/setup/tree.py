@@ -1,4 +1,4 @@
-"""A body as a tree of hinges in its zero pose, and the flat underside of a foot."""
+"""A body as a tree of hinges in its zero pose, and the soles of its feet."""
 
 import re
 from collections.abc import Sequence
@@ -12,26 +12,26 @@ from retarget.setup.shape_fit import DIRECTIONS, hull_of_balls, link_geometries,
 from retarget.types import FloatArray
 
 BASE = 0
-"""Number of the node that no joint moves: the base."""
+"""Index of the base, the node that no joint moves."""
 MAX_JOINTS = 250
-"""A profile holds no more servos."""
+"""Most servos of a profile."""
 UP = np.array([0.0, 0.0, 1.0])
-"""Of the world."""
+"""Up, in the world."""
 _WORDS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[0-9]+")
 
 
 def words_of(name: str) -> list[str]:
-    """The words of a name, which are parted by signs or by capitals, in small letters."""
+    """Split a name at signs and capitals into words in lower case."""
     return [word.lower() for word in _WORDS.findall(name)]
 
 
 @dataclass(frozen=True, eq=False)
 class HingeNode:
-    """A hinge and the links that it carries rigidly, or the base.
+    """A hinge and the links that it carries rigidly, or the base, in the world of the zero pose, m.
 
-    joint: its name, empty for the base. names: of the links, the moved one first. parent: number of a node, -1 for the
-    base. axis, anchor (3,): direction and a point of its axis. lower, upper: rad. centres (k, 3), radii (k,): balls
-    whose hull is the geometry. All in the world of the zero pose, m.
+    joint: name, empty for the base. names: of the links, the moved one first. parent: index of a node, -1 for the base.
+    axis, anchor (3,): direction and a point of its axis. lower, upper: rad. centres (k, 3), radii (k,): balls whose
+    hull is the geometry.
     """
 
     joint: str
@@ -46,16 +46,16 @@ class HingeNode:
 
     @property
     def points(self) -> FloatArray:
-        """Points (k, 3) m that the node takes up: its geometry, or else the anchor of its axis."""
+        """Points (k, 3), m, of its geometry, or else the anchor of its axis."""
         return self.centres if len(self.centres) else self.anchor[None]
 
     @property
     def middle(self) -> FloatArray:
-        """Middle (3,) m of the box around its points."""
+        """Middle (3,), m, of the box around its points."""
         return np.asarray(0.5 * (self.points.min(axis=0) + self.points.max(axis=0)))
 
     def nearest(self, point: FloatArray) -> FloatArray:
-        """The point (3,) m of the node's axis that is nearest to a point (3,) m."""
+        """The point (3,), m, of its axis that is nearest to a point (3,)."""
         return np.asarray(self.anchor + ((point - self.anchor) @ self.axis) * self.axis)
 
     def distance(self, point: FloatArray) -> float:
@@ -65,7 +65,7 @@ class HingeNode:
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """Nodes, a parent before its children; the first is the base. size: diagonal (m) of the box around everything."""
+    """Nodes, parents before children, the base first. size: diagonal of the box around all points, m."""
 
     nodes: tuple[HingeNode, ...]
     size: float
@@ -76,11 +76,11 @@ class Tree:
         return {name: number for number, node in enumerate(self.nodes) for name in node.names}
 
     def children(self, node: int) -> list[int]:
-        """The nodes that hang on a node."""
+        """The child nodes of a node."""
         return [number for number, other in enumerate(self.nodes) if other.parent == node]
 
     def below(self, node: int) -> list[int]:
-        """A node and all that it carries."""
+        """A node and all of its descendants."""
         found = [node]
         for number in range(node + 1, len(self.nodes)):
             if self.nodes[number].parent in found:
@@ -88,21 +88,21 @@ class Tree:
         return found
 
     def path(self, node: int) -> list[int]:
-        """The nodes from the base to a node, both included."""
+        """The nodes from the base to a node, inclusive."""
         found = [node]
         while self.nodes[found[-1]].parent >= 0:
             found.append(self.nodes[found[-1]].parent)
         return found[::-1]
 
     def points(self, nodes: Sequence[int]) -> FloatArray:
-        """Places of nodes, (k, 3) m."""
+        """Points (k, 3), m, of several nodes."""
         return np.concatenate([self.nodes[node].points for node in nodes])
 
 
 def read_tree(model: Any, *, source: str = "") -> Tree:
-    """The tree of a compiled `mujoco.MjModel` in its zero pose; source names it in messages.
+    """Return the tree of a `mujoco.MjModel` in its zero pose. source: for messages.
 
-    Raises InputError: no joints that servos turn, or too many; no base.
+    Raises InputError without hinges, with more than MAX_JOINTS, or without a base.
     """
     import mujoco
 
@@ -151,31 +151,31 @@ def read_tree(model: Any, *, source: str = "") -> Tree:
     return Tree(tuple(found), float(np.linalg.norm(np.ptp(around, axis=0))))
 
 
-# The sole: the flat underside that a foot stands on, as the hull of the balls that its geometry is made of.
+# The sole: the flat underside of a foot.
 
 STEEPEST = np.cos(np.radians(50.0))
-"""A foot is turned no further from flat than this in the zero pose."""
-ALIKE = np.cos(np.radians(8.0))
+"""Cosine of the largest tilt of a sole in the zero pose."""
+ONE_FACE = np.cos(np.radians(8.0))
 """Cosine of the largest angle between the normals of the faces of one underside."""
 TOUCHING_M = 0.0015
-"""Largest height above the ground of a point that touches it."""
+"""Largest height of a point that touches the ground, m."""
 MAX_CORNERS = 16
-"""Corners of the outline in a profile at most."""
+"""Most corners of the outline in a profile."""
 MIN_AREA = 1e-4
-"""[m^2] A smaller underside is a point or an edge, on which the robot cannot stand."""
+"""Smallest underside on which a robot can stand, m^2."""
 
 
 @dataclass(frozen=True, eq=False)
 class FlatUnderside:
-    """up (3,): the normal of the sole, into the foot. points (k, 3) m: that touch the ground, in the world of the zero
-    pose."""
+    """The underside of a foot in the world of the zero pose. up (3,): its normal, into the foot. points (k, 3), m: that
+    touch the ground."""
 
     up: FloatArray
     points: FloatArray
 
 
 def flat_underside(tree: Tree, nodes: Sequence[int]) -> FlatUnderside | None:
-    """The largest flat underside of these nodes together; None where they have no geometry that could stand."""
+    """Return the largest flat underside of these nodes together; None if there is none."""
     centres = np.concatenate([tree.nodes[node].centres for node in nodes])
     radii = np.concatenate([tree.nodes[node].radii for node in nodes])
     down = _facing_down(centres, radii) if len(centres) else None
@@ -189,26 +189,26 @@ def flat_underside(tree: Tree, nodes: Sequence[int]) -> FlatUnderside | None:
 
 
 def outline(points: FloatArray) -> FloatArray:
-    """Corners (k, 2) of the convex outline of points (n, 2), counter-clockwise from the front left: those that are
-    farthest in MAX_CORNERS directions."""
+    """Return the points of (n, 2) that are farthest in MAX_CORNERS directions: a convex outline (k, 2),
+    counter-clockwise from the front left."""
     angles = np.pi / 4.0 + np.arange(MAX_CORNERS) * (2.0 * np.pi / MAX_CORNERS)
     farthest = np.argmax(points @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
     return np.asarray(points[list(dict.fromkeys(farthest.tolist()))])
 
 
 def _facing_down(centres: FloatArray, radii: FloatArray) -> FloatArray | None:
-    """Outward normal (3,) of the largest part of the hull that looks down in the zero pose."""
+    """Outward normal (3,) of the largest part of the hull that faces down in the zero pose."""
     hull = hull_of_balls(centres, radii, DIRECTIONS[::8])
     if hull is None:
         return np.array([0.0, 0.0, -1.0])
     normals = hull.equations[:, :3]
     corners = hull.points[hull.simplices]
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    looking = np.flatnonzero(normals[:, 2] <= -STEEPEST)
-    if not len(looking):
+    down = np.flatnonzero(normals[:, 2] <= -STEEPEST)
+    if not len(down):
         return None
-    alike = normals[looking] @ normals[looking].T > ALIKE
-    sums = alike @ areas[looking]
-    best = looking[alike[int(np.argmax(sums))]]
+    alike = normals[down] @ normals[down].T > ONE_FACE
+    sums = alike @ areas[down]
+    best = down[alike[int(np.argmax(sums))]]
     normal = (normals[best] * areas[best][:, None]).sum(axis=0)
     return np.asarray(normal / np.linalg.norm(normal))

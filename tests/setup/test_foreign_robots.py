@@ -13,8 +13,8 @@ from retarget.errors import InputError
 from retarget.model.observers import robot_observers
 from retarget.model.robot import load_robot
 from retarget.safety.clearance import PathClearance
-from retarget.setup.collada_mesh import collada_triangles
 from retarget.setup.import_robot import Imported, import_robot
+from retarget.setup.robot_file import collada_triangles
 from retarget.setup.servo_guess import NO_TORQUE, UNKNOWN
 from unknown_robots import HUMANOID, Part, humanoid, urdf
 
