@@ -7,9 +7,8 @@ from typing import Any
 
 import pytest
 
-from command_line import code_of, copy_of_op3
-from command_line import said_by as run
-from messages import shows, shows_lines
+from command_line import Typed, code_of, copy_of_op3, said_by
+from messages import mentions, shows, shows_lines
 from retarget.cli import run as run_module
 from retarget.cli.exit import DONE, REFUSED
 from retarget.model.robot import load_robot
@@ -28,12 +27,12 @@ ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_shipped_robots_are_good_and_it_says_which_stay_at_rest(robot: str, capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, err = run(capsys, "check", robot)
-    assert (code, err) == (0, "") and out.count(": good (") == 1
+def test_shipped_robots_are_good_and_it_says_which_stay_at_rest(robot: str, done: Typed) -> None:
+    out = done("check", robot)
+    assert out.count(": good (") == 1
     if robot == "op3":
         shows(out, "op3", 61)
-        assert "20 x XM430-W350" in out
+        assert "20 x XM430-W350" in out and re.search(r"physics: +ready\n", out)
     (at_rest,) = re.findall(r"at rest: .*", out)
     shows(at_rest)
     robot_body = load_robot(robot)
@@ -42,61 +41,55 @@ def test_shipped_robots_are_good_and_it_says_which_stay_at_rest(robot: str, caps
 
 
 @pytest.mark.long
-def test_it_says_whether_physics_takes_the_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    _, out, _ = run(capsys, "check", "op3")
-    assert re.search(r"physics: +ready\n", out)
+def test_it_says_whether_physics_takes_the_robot(tmp_path: Path, done: Typed) -> None:
     soft = copy_of_op3(tmp_path / "soft", (", gains: {p: 800, i: 0, d: 0}", ""))
     hung = copy_of_op3(tmp_path / "hung", ("root: free", "root: suspended"))
     light = copy_of_op3(tmp_path / "light")
     body = light.with_name("body.xml")
     body.write_text(re.sub(r"<inertial .*?/>", "", body.read_text(encoding="utf-8")), encoding="utf-8")
     for profile, why in ((soft, "1 servo without a P gain"), (hung, "no hook point"), (light, "only guessed")):
-        code, out, _ = run(capsys, "check", profile)
-        assert code == 0 and re.search(rf"physics: +not possible: .*{why}", out)
+        assert re.search(rf"physics: +not possible: .*{why}", done("check", profile))
 
 
-def test_every_other_shipped_file_is_good(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_other_shipped_file_is_good(done: Typed) -> None:
     robots = {entry.path for entry in entries(Kind.ROBOT)}
     assert {path.parent.name for path in robots} == {*ROBOTS}
     files = sorted({*shipped_folder().rglob("*.yaml")} - robots)
-    code, out, err = run(capsys, "check", *files)
-    assert (code, err) == (0, "")
-    assert out.count(": good (") == len(files)
+    assert done("check", *files).count(": good (") == len(files)
 
 
 def test_one_bad_file_does_not_hide_the_others(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bad = copy_of_op3(tmp_path / "bad", ("{id: 2,", "{id: 1,"), ("root: free", "root: fre"))
-    code, out, err = run(capsys, "check", bad, "five")
-    assert code == 2
+    code, out, err = said_by(capsys, "check", bad, "five")
+    assert code == REFUSED
     shows(out, "five")
     shows(err, bad, f"{bad}:5", "'fre'")
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("name", "text"),
     [
-        "a: 1\n",
-        "",
-        "levels: []\nname: x\n",
-        "sensors: {hed: {joint: head}}\n",
-        "obstacles: {b: {shape: {bal: {radius: 1}}}}\n",
-        "source: sample\nrobto: op3\n",
-        "a: [\n",
+        ("file.yaml", "a: 1\n"),
+        ("file.yaml", ""),
+        ("file.yaml", "levels: []\nname: x\n"),
+        ("file.yaml", "sensors: {hed: {joint: head}}\n"),
+        ("file.yaml", "obstacles: {b: {shape: {bal: {radius: 1}}}}\n"),
+        ("file.yaml", "source: sample\nrobto: op3\n"),
+        ("file.yaml", "a: [\n"),
+        ("body.xml", ""),
+        ("02_06.amc", ""),
     ],
 )
-def test_any_other_file_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str) -> None:
-    path = tmp_path / "file.yaml"
+def test_any_other_file_is_refused(refused: Typed, tmp_path: Path, name: str, text: str) -> None:
+    path = tmp_path / name
     path.write_text(text, encoding="utf-8")
-    code, out, err = run(capsys, "check", path)
-    assert (code, out) == (2, "")
-    shows(err, path)
+    shows(refused("check", path), path, {"body.xml": "robot.yaml", "02_06.amc": "retarget inspect"}.get(name, ()))
 
 
-def test_robots_lists_shipped_and_own(capsys: pytest.CaptureFixture[str], own: Path) -> None:
+def test_robots_lists_shipped_and_own(done: Typed, own: Path) -> None:
     copy_of_op3(own / "robots" / "mine")
     copy_of_op3(own / "robots" / "broken", ("root: free", "root: fre"))
-    code, out, err = run(capsys, "robots")
-    assert (code, err) == (0, "")
+    out = done("robots")
     rows = {line.split()[0]: line for line in out.splitlines() if line[:1].strip()}  # what is folded is indented
     assert "shipped" in rows["op3"]
     assert "20 x XM430-W350" in rows["mine"]
@@ -104,23 +97,11 @@ def test_robots_lists_shipped_and_own(capsys: pytest.CaptureFixture[str], own: P
     shows_lines(out, "--robot")
 
 
-@pytest.mark.parametrize(("name", "step"), [("body.xml", "robot.yaml"), ("02_06.amc", "retarget inspect")])
-def test_what_is_checked_elsewhere(capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str, step: str) -> None:
-    (tmp_path / name).touch()
-    code, _, err = run(capsys, "check", tmp_path / name)
-    assert code == 2
-    shows(err)
-    assert step in err
-
-
-def test_a_robot_that_would_fall_over_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_that_would_fall_over_is_refused(tmp_path: Path, refused: Typed) -> None:
     soles = copy_of_op3(tmp_path / "op3")
     text = soles.read_text(encoding="utf-8")
     soles.write_text(re.sub(r"(_sole: \{link: \w+, pos: \[)([^,]+),", r"\g<1>0.2,", text), encoding="utf-8")
-    code, _, err = run(capsys, "check", soles)
-    assert code == 2
-    for words in ("would fall over in posture stand", "centre of mass at (", "outside the soles; allowed: inside ("):
-        assert words in err
+    mentions(refused("check", soles), "would fall over in posture stand", "centre of mass at (", "outside the soles")
 
 
 # A session file: the options of `run` from YAML, those of the command line first, and what is refused.
@@ -142,8 +123,8 @@ overwrite: true
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """What a live run is asked for."""
+def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Any]:
+    """What a live run is asked for, from the folder of the test."""
     found: dict[str, Any] = {}
 
     def follow(source: str, options: object, outputs: object, live: object, *, stature: float | None = None) -> int:
@@ -151,14 +132,12 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         return DONE
 
     monkeypatch.setattr(run_module, "follow_live", follow)
+    monkeypatch.chdir(tmp_path)
     return found
 
 
-def test_each_key_is_an_option_and_the_command_line_wins(
-    tmp_path: Path, asked: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "out").mkdir()
+def test_each_key_is_an_option_and_the_command_line_wins(asked: dict[str, Any]) -> None:
+    Path("out").mkdir()
     Path("mine.yaml").write_text(SESSION)
     words = ("--robot", "poppy", "--bus", "mock", "--perturb", "friction", "--speed", "0.8")
     assert code_of("run", "mine.yaml") == DONE
@@ -173,21 +152,19 @@ def test_each_key_is_an_option_and_the_command_line_wins(
     assert (options.iterations, options.bus, asked["live"].check_sides) == (3, "physics+wire", True)
 
 
-def test_a_shipped_one_is_good_and_chosen_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_shipped_one_is_good_and_chosen_by_name(done: Typed, refused: Typed) -> None:
     for entry in entries(Kind.SESSION):
-        assert code_of("check", entry.name) == DONE
-        assert f"session {entry.name}: good" in capsys.readouterr().out
-    assert code_of("run", "first_run", "--end", "0.1", "--report", "/nowhere/r.json") == REFUSED
-    assert "/nowhere" in capsys.readouterr().err
+        assert f"session {entry.name}: good" in done("check", entry.name)
+    assert "/nowhere" in refused("run", "first_run", "--end", "0.1", "--report", "/nowhere/r.json")
+    shows(refused("run", "first_rnu"), "first_rnu", "first_run")
 
 
-def test_a_switch_that_is_on_is_undone_on_the_command_line(tmp_path: Path, asked: dict[str, Any]) -> None:
-    path = tmp_path / "mine.yaml"
-    path.write_text("robot: op3\nsource: json://:14150\nmirror: true\nno-gate: true\noverwrite: true\n")
-    assert code_of("run", path) == DONE
-    assert (asked["options"].playback.mirror, asked["options"].gate, asked["outputs"].overwrite) == (True, False, True)
-    assert code_of("run", path, "--no-mirror", "--gate", "--no-overwrite") == DONE
-    assert (asked["options"].playback.mirror, asked["options"].gate, asked["outputs"].overwrite) == (False, True, False)
+def test_a_switch_that_is_on_is_undone_on_the_command_line(asked: dict[str, Any]) -> None:
+    Path("mine.yaml").write_text("robot: op3\nsource: json://:14150\nmirror: true\nno-gate: true\noverwrite: true\n")
+    for words, on in (((), True), (("--no-mirror", "--gate", "--no-overwrite"), False)):
+        assert code_of("run", "mine.yaml", *words) == DONE
+        options = asked["options"]
+        assert (options.playback.mirror, options.gate, asked["outputs"].overwrite) == (on, not on, on)
 
 
 @pytest.mark.parametrize(
@@ -201,14 +178,11 @@ def test_the_performer_is_the_usual_one_of_the_source_or_as_typed(
     assert asked["options"].performer == performer
 
 
-def test_paths_of_what_is_read_count_from_the_session_file(
-    tmp_path: Path, asked: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_paths_of_what_is_read_count_from_the_session_file(tmp_path: Path, asked: dict[str, Any]) -> None:
     folder = tmp_path / "mine"
     (folder / "data").mkdir(parents=True)
     for name in ("walk.raw", "faults.yaml", "five.yaml"):
         (folder / "data" / name).write_text("")
-    monkeypatch.chdir(tmp_path)
     text = "robot: op3\nbus: emulator\nsource: replay://data/walk.raw?speed=2\nfaults: data/faults.yaml\n"
     (folder / "run.yaml").write_text(f"{text}performer: data/five.yaml\nscene: table\nsave: run.npz\n")
     assert code_of("run", "mine/run.yaml") == DONE
@@ -220,18 +194,17 @@ def test_paths_of_what_is_read_count_from_the_session_file(
 
 @pytest.mark.parametrize("source", ["walk.bvh", "mine/walk.bvh"])
 def test_a_file_that_is_missing_is_named_in_both_places(
-    source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    source: str, tmp_path: Path, refused: Typed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "run.yaml").write_text(f"robot: op3\nsource: {source}\n")
-    if "/" in source:
-        (tmp_path / source).touch()
     monkeypatch.chdir(tmp_path)
+    Path("mine").mkdir()
+    Path("mine/run.yaml").write_text(f"robot: op3\nsource: {source}\n")
+    if "/" in source:
+        Path(source).touch()
     for command in ("run", "check"):
-        assert code_of(command, "mine/run.yaml") == REFUSED
-        shows(capsys.readouterr().err, tmp_path / "mine" / source, tmp_path / source)
-    assert code_of("run", "mine/run.yaml", "--source", "sample", "--unit", "no") == REFUSED
-    assert "mine" not in capsys.readouterr().err, "what is typed takes its place"
+        shows(refused(command, "mine/run.yaml"), tmp_path / "mine" / source, tmp_path / source)
+    typed = refused("run", "mine/run.yaml", "--source", "sample", "--unit", "no")
+    assert "mine" not in typed, "what is typed takes its place"
 
 
 @pytest.mark.parametrize(
@@ -250,34 +223,23 @@ def test_a_file_that_is_missing_is_named_in_both_places(
 def test_check_refuses_what_run_refuses(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(text)
-    typed = [
-        word for key in ("robot: op3", "source: sample") if key[:5] not in text for word in ("--" + key).split(": ")
-    ]
-    assert code_of("run", path, *typed) == REFUSED
-    refused = capsys.readouterr().err.removeprefix("error: ")
-    assert code_of("check", path) == REFUSED
-    assert capsys.readouterr().err == f"error: {path}: {refused}"
+    usual = {"robot": "op3", "source": "sample"}
+    typed = [word for key, value in usual.items() if f"{key}:" not in text for word in (f"--{key}", value)]
+    code, _, said = said_by(capsys, "run", path, *typed)
+    checked, _, err = said_by(capsys, "check", path)
+    assert (code, checked, err) == (REFUSED, REFUSED, f"error: {path}: {said.removeprefix('error: ')}")
 
 
-def test_a_session_is_checked_without_its_servos_and_its_sender(tmp_path: Path) -> None:
+def test_a_session_is_checked_without_its_servos_and_its_sender(tmp_path: Path, done: Typed) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("robot: op3\nsource: vmc://:39539\nbus: /dev/no-such-port\n")
-    assert code_of("check", path) == DONE
+    done("check", path)
 
 
 @pytest.mark.parametrize("command", ["run", "check"])
-def test_everything_wrong_is_said_at_once_with_its_line(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_everything_wrong_is_said_at_once_with_its_line(command: str, tmp_path: Path, refused: Typed) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("robot: op3\nsource: sample\nspede: 0.5\nloop: 3\nn-ik: many\nperturb: [mass, 4]\nhelp: true\n")
-    assert code_of(command, path) == REFUSED
-    said = capsys.readouterr().err
-    for place in ("3: spede: unknown key", "4: loop: ", "5: n-ik: ", "6: perturb[1]: ", "7: help: unknown key"):
-        assert f"mine.yaml:{place}" in said, said
-    shows(said)
-
-
-def test_an_unknown_session_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert code_of("run", "first_rnu") == REFUSED
-    shows(capsys.readouterr().err, "first_rnu", "first_run")
+    said = refused(command, path)
+    places = ("3: spede: unknown key", "4: loop: ", "5: n-ik: ", "6: perturb[1]: ", "7: help: unknown key")
+    shows(said, *(f"mine.yaml:{place}" for place in places))

@@ -12,20 +12,18 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
 from rich.table import Table
 
-from command_line import code_of
-from command_line import code_of as leave
+from command_line import Typed, code_of, said_by
 from hardware.clock import MonotonicClock
 from hardware.errors import RetargetError, TorqueError
 from messages import mentions, shows
 from retarget import cli
-from retarget.cli import controls, main
+from retarget.cli import controls
 from retarget.cli.application import console, log, progress_bar
 from retarget.cli.controls import WORDS, ControlRequest, ControlSocket, LiveStatus
 from retarget.cli.exit import DEFECT, DONE, INTERRUPTED, LEAST_MEMORY, REFUSED, STOPPED, exit_code_of
@@ -35,31 +33,26 @@ from retarget.schema.catalogue import shipped_folder
 from retarget.sources.open import open_source
 
 
-def test_help_lists_every_command_and_imports_none(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_lists_every_command_and_exit_code_and_imports_no_command(done: Typed) -> None:
     before = set(sys.modules)
-    assert leave("--help") == DONE
-    shown = capsys.readouterr().out
+    shown = done("--help")
     assert all(name in shown for name in cli.COMMANDS)
     assert not {f"retarget.cli.{name}" for name in cli.COMMANDS} & (set(sys.modules) - before)
+    codes = " ".join(shown.split()).split("Exit codes:")[1]
+    assert all(f"{code} " in codes for code in (DONE, STOPPED, REFUSED, DEFECT, INTERRUPTED))
 
 
-def test_the_help_of_a_command_has_headings(capsys: pytest.CaptureFixture[str]) -> None:
-    assert leave("run", "--help-all") == DONE
-    shown = capsys.readouterr().out
+def test_the_help_of_a_command_has_headings_and_fits_a_screen(monkeypatch: pytest.MonkeyPatch, done: Typed) -> None:
+    shown = done("run", "--help-all")
     assert shown.index("retarget run session.yaml --speed 0.5") < shown.index("Robot:") < shown.index("--bus NAME|PORT")
     assert shown.index("Live streams:") < shown.index("--person") < shown.index("Results:") < shown.index("--report")
     assert max(map(len, shown.splitlines())) > 150, "in a pipe nothing is wrapped"
-
-
-def test_the_help_of_run_fits_a_screen(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
-    assert leave("run", "--help") == DONE
-    lines = capsys.readouterr().out.splitlines()
+    lines = done("run", "--help").splitlines()
     assert len(lines) <= 24 and max(map(len, lines)) <= 80 and lines[-1] == "more: --help-all"
     assert all(any(line.startswith(f"  {option} ") for line in lines) for option in USUAL_OPTIONS["run"])
-    assert leave("run", "--help-all") == DONE
-    lines = capsys.readouterr().out.splitlines()
+    lines = done("run", "--help-all").splitlines()
     assert len(lines) <= 100 and max(map(len, lines)) <= 80
     assert not any("--no-mirror" in line for line in lines), "the opposites of switches go without saying"
 
@@ -74,11 +67,6 @@ def test_a_process_of_its_own_starts_fast_and_a_shared_one_is_left_alone() -> No
         assert (result.returncode, result.stdout.splitlines()[-1]) == (0, said), result.stderr
 
 
-def test_a_refusal_is_one_message_without_traceback(capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code_of(Mock(side_effect=RetargetError("robot.yaml:3: limits inverted"))) == REFUSED
-    assert capsys.readouterr().err == "error: robot.yaml:3: limits inverted\n"
-
-
 EVIL = "a\x1b[31m\x9b\u202e.bvh"
 SPELLED = r"a\x1b[31m\x9b\u202e.bvh"
 
@@ -86,7 +74,7 @@ SPELLED = r"a\x1b[31m\x9b\u202e.bvh"
 def test_no_name_of_a_file_acts_on_the_terminal(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (tmp_path / EVIL).write_text("HIERARCHY")
     for words in (["inspect", tmp_path / EVIL], ["check", EVIL], ["run", "--robot", EVIL, "--source", "sample"]):
-        assert leave(*words) == REFUSED
+        assert code_of(*words) == REFUSED
         shown = capfd.readouterr().err
         assert SPELLED in shown and shown.replace("\n", "").isprintable()
     with pytest.MonkeyPatch.context() as patch:
@@ -101,11 +89,8 @@ def test_no_name_of_a_file_acts_on_the_terminal(tmp_path: Path, capfd: pytest.Ca
     assert SPELLED in out and SPELLED in err and err.count(SPELLED[:9]) > 2, "the bar is cut where it is too wide"
     assert not any(code in out + err for code in (EVIL[:6], "\x9b", "\u202e"))
     assert "\x1b" in err, "the codes of the bar itself pass"
-
-
-def test_a_defect_that_names_a_file_does_not_either(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code_of(Mock(side_effect=AssertionError(EVIL))) == DEFECT
-    shown = capsys.readouterr().err
+    shown = capfd.readouterr().err
     assert SPELLED in shown and "\x1b" not in shown
 
 
@@ -132,18 +117,13 @@ def test_a_run_does_not_begin_on_too_little_memory(tmp_path: Path) -> None:
     mentions(done.stderr, "too little memory", "699 MB", "700 MB", "ulimit -v")
 
 
-def test_torque_that_is_still_on_is_no_refusal(capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code_of(Mock(side_effect=TorqueError("port gone (cut the power)"))) == STOPPED
-    assert capsys.readouterr().err == "error: port gone (cut the power)\n"
-
-
 def interrupted() -> None:
     raise KeyboardInterrupt
 
 
 def interrupted_import() -> None:
     try:
-        raise KeyboardInterrupt
+        interrupted()
     except KeyboardInterrupt as error:
         raise ImportError("initialization failed") from error
 
@@ -155,10 +135,30 @@ def refused_because_of_an_interrupted_import() -> None:
         raise RetargetError("C3D needs ezc3d: install it") from None
 
 
-@pytest.mark.parametrize("command", [interrupted, interrupted_import, refused_because_of_an_interrupted_import])
-def test_an_interrupt_is_one_line(command: Callable[[], None], capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code_of(command) == INTERRUPTED == 130
-    assert capsys.readouterr().err == "interrupted\n"
+def torque_on_after_an_interrupt() -> None:
+    try:
+        interrupted()
+    except KeyboardInterrupt as error:
+        raise TorqueError("port gone (cut the power)") from error
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "said"),
+    [
+        (Mock(side_effect=RetargetError("robot.yaml:3: inverted")), REFUSED, "error: robot.yaml:3: inverted\n"),
+        (Mock(side_effect=TorqueError("cut the power")), STOPPED, "error: cut the power\n"),
+        (torque_on_after_an_interrupt, STOPPED, "error: port gone (cut the power)\n"),
+        (interrupted, 130, "interrupted\n"),
+        (interrupted_import, 130, "interrupted\n"),
+        (refused_because_of_an_interrupted_import, 130, "interrupted\n"),
+    ],
+    ids=["refusal", "torque", "torque and interrupt", "interrupt", "import", "refusal of import"],
+)
+def test_every_end_but_a_defect_is_one_message(
+    command: Callable[[], None], code: int, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code_of(command) == code
+    assert capsys.readouterr().err == said
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
@@ -177,17 +177,6 @@ def test_a_signal_to_end_is_an_interrupt_too(number: signal.Signals, capsys: pyt
     assert signal.getsignal(number) is signal.SIG_DFL
 
 
-def test_torque_that_is_still_on_after_an_interrupt_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
-    def fail() -> None:
-        try:
-            interrupted()
-        except KeyboardInterrupt as error:
-            raise TorqueError("port gone (cut the power)") from error
-
-    assert exit_code_of(fail) == STOPPED
-    shows(capsys.readouterr().err)
-
-
 def test_nothing_of_weight_is_imported_before_main() -> None:
     code = "import sys, retarget.cli; print('typer' in sys.modules, 'numpy' in sys.modules)"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
@@ -201,12 +190,6 @@ def test_a_defect_shows_its_traceback(capsys: pytest.CaptureFixture[str]) -> Non
     shows(shown)
 
 
-def test_the_help_lists_every_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
-    assert leave("--help") == DONE
-    shown = " ".join(capsys.readouterr().out.split())
-    assert all(f"{code} " in shown.split("Exit codes:")[1] for code in (DONE, STOPPED, REFUSED, DEFECT, INTERRUPTED))
-
-
 def test_a_table_in_a_pipe_has_no_blanks_at_the_ends_of_lines(capsys: pytest.CaptureFixture[str]) -> None:
     table = Table("a", "b", box=None)
     table.add_row("short", "a much longer text")
@@ -218,15 +201,17 @@ def test_a_table_in_a_pipe_has_no_blanks_at_the_ends_of_lines(capsys: pytest.Cap
 
 # `retarget demo`: works on its own, and leaves a report, a recording and pictures.
 
-demo = partial(code_of, "demo")
+
+def cut_sample(monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
+    whole = open_source("sample")
+    monkeypatch.setattr("retarget.cli.run.open_source", lambda name: whole.cut(0.0, seconds))
 
 
 @pytest.mark.long
-def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    whole = open_source("sample")
-    monkeypatch.setattr("retarget.cli.run.open_source", lambda name: whole.cut(0.0, 4.0))
+def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, done: Typed) -> None:
+    cut_sample(monkeypatch, 4.0)
     monkeypatch.chdir(tmp_path)
-    assert demo() == DONE
+    out = done("demo")
     folder = tmp_path / "out" / "demo"
     names = {path.name for path in folder.iterdir()}
     assert names == {"report.json", "report.html", "run.npz", "tracking.png", "angles.png", "balance.png", "poses.png"}
@@ -237,38 +222,28 @@ def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert report["frames"] == 121 and report["stop"]["reason"] is None
     assert report["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
     assert report["hand_path_ratio"] > 0.5
-    out = capsys.readouterr().out
     assert len(out.splitlines()) <= 12 and "written: out/demo\n" in out
     said = out.splitlines()[-1]
     assert re.fullmatch(r"op3 follows: hands \d+ mm off, nothing touched, .* Open out/demo/report.html", said)
 
 
 def test_the_demo_of_another_robot_keeps_that_of_the_usual_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = open_source("sample")
-    monkeypatch.setattr("retarget.cli.run.open_source", lambda name: whole.cut(0.0, 0.2))
+    cut_sample(monkeypatch, 0.2)
     monkeypatch.chdir(tmp_path)
     own = tmp_path / "mine" / "robot.yaml"
     shutil.copytree(shipped_folder() / "robots" / "poppy", own.parent)
     for robot in ("op3", "poppy", own.parent, own):  # again: the same folder
-        assert demo("--robot", robot, "--bus", "none") == DONE
+        assert code_of("demo", "--robot", robot, "--bus", "none") == DONE
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"demo", "demo-poppy", "demo-mine"}
     assert json.loads(Path("out/demo/report.json").read_text())["robot"] == "op3"
-    assert demo("--robot", "poppy", "--out", "out/demo") == REFUSED, "that is another's"
+    assert code_of("demo", "--robot", "poppy", "--out", "out/demo") == REFUSED, "that is another's"
 
 
 # `retarget stop` from the command line: confirmed, not confirmed, no run.
 
 
-def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
-    with pytest.raises(SystemExit) as ended:
-        main(["stop", *words])
-    code, said = ended.value.code, capsys.readouterr()
-    assert isinstance(code, int)
-    return code, said.out + said.err
-
-
 @pytest.mark.parametrize(
-    ("words", "known", "code", "said"),
+    ("words", "known", "code", "answer"),
     [
         ((), True, 0, "ok stopping"),
         (("--torque-off",), True, 0, "ok torque off"),
@@ -282,7 +257,7 @@ def test_a_run_receives_the_word(
     words: tuple[str, ...],
     known: bool,
     code: int,
-    said: str,
+    answer: str,
 ) -> None:
     clock, asked, done = MonotonicClock(), list[ControlRequest](), threading.Event()
     server = ControlSocket(tmp_path / "control", status=lambda: LiveStatus(None, True, False, None))
@@ -297,11 +272,11 @@ def test_a_run_receives_the_word(
 
     thread = threading.Thread(target=serve)
     thread.start()
-    found = run(capsys, str(server.path), *words)
+    found = said_by(capsys, "stop", server.path, *words)
     done.set()
     thread.join()
     server.close()
-    assert found[0] == code and said in found[1]
+    assert found[0] == code and answer in found[1] + found[2]
     assert asked == ([ControlRequest.TORQUE_OFF if words else ControlRequest.STOP] if known else [])
 
 
@@ -310,14 +285,14 @@ def test_a_stop_needs_nothing_that_takes_time_to_import(tmp_path: Path, words: t
     """Where none of these can be imported, the run still receives the word, and its answer is printed."""
     place = tmp_path / "retarget.sock"
     code = (
-        "import os, sys\n"
+        "import sys; before = set(sys.modules)\n"
+        "import os\n"
         f"sys.modules |= dict.fromkeys({('typer', 'rich', 'numpy', 'pydantic', 'mujoco')!r})\n"
         "sys.argv = ['retarget', 'stop', *sys.argv[1:]]\n"
         "import retarget.cli as cli\n"
         "assert not {'logging', 'typing', 'pathlib'} & set(sys.modules) - before\n"
         "cli.main()"
     )
-    code = "import sys; before = set(sys.modules)\n" + code
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
         listener.bind(str(place))
         listener.listen(1)

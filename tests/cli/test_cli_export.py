@@ -1,13 +1,14 @@
-"""`retarget export`: one clear message and exit code 2 for what cannot be; nothing is overwritten, nothing is left."""
+"""`retarget export`: one clear message for what cannot be; nothing is overwritten, nothing is left."""
 
 import json
-from functools import partial
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import command_line
+from command_line import Typed
 from messages import shows
 from recordings import SLIDER, moved, saved, slider, with_servos
 from retarget.recording.exports.formats import FORMATS
@@ -22,7 +23,12 @@ def run(tmp_path: Path) -> Path:
     return saved(motion, tmp_path / "run.npz", tmp_path / "slider.xml", phase=phase)
 
 
-code_of = partial(command_line.code_of, "export")
+@pytest.fixture
+def left(run: Path) -> Iterator[None]:
+    """Whatever happens, the files beside the run stay the same."""
+    before = {path: path.read_bytes() for path in run.parent.iterdir()}
+    yield
+    assert {path: path.read_bytes() for path in run.parent.iterdir()} == before
 
 
 ENDINGS = {
@@ -43,100 +49,80 @@ ENDINGS = {
 
 @pytest.mark.long
 @pytest.mark.parametrize("to", ENDINGS)
-def test_beside_the_run_and_never_twice(to: str, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = {path.name for path in run.parent.iterdir()}
-    assert code_of(run, "--to", to) == 0
+def test_beside_the_run_and_never_twice(to: str, run: Path, done: Typed, refused: Typed) -> None:
+    words, before = ("export", run, "--to", to), {path.name for path in run.parent.iterdir()}
+    out = done(*words)
     assert {path.name for path in run.parent.iterdir()} - before == {ENDINGS[to]}
-    out = capsys.readouterr().out
     shows(out, 10, 3)
     assert out.splitlines()[-1] == str(FORMATS[to].conventions)
     place = run.parent / ENDINGS[to]
     stamp, before_it = place.stat().st_mtime_ns, place.stat().st_ino
-    assert code_of(run, "--to", to) == 2
-    shows(capsys.readouterr().err)
+    shows(refused(*words))
     assert place.stat().st_mtime_ns == stamp
-    assert code_of(run, "--to", to, "--overwrite") == 0
+    done(*words, "--overwrite")
     assert place.stat().st_ino != before_it
 
 
-def test_the_same_line_twice_names_the_option_that_replaces(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert code_of(run, "--to", "csv") == 0
-    first = (run.parent / "run.csv").read_bytes()
-    capsys.readouterr()
-    assert code_of(run, "--to", "csv") == 2
-    refused = capsys.readouterr()
-    assert (refused.err.count("\n"), refused.out) == (1, "")
-    shows(refused.err, "--out", "--overwrite")
-    (run.parent / "run.csv").write_text("another")
-    assert code_of(run, "--to", "csv", "--overwrite") == 0
-    assert (run.parent / "run.csv").read_bytes() == first
+def test_the_same_line_twice_names_the_option_that_replaces(run: Path, done: Typed, refused: Typed) -> None:
+    words, table = ("export", run, "--to", "csv"), run.parent / "run.csv"
+    done(*words)
+    first = table.read_bytes()
+    said = refused(*words)
+    assert said.count("\n") == 1
+    shows(said, "--out", "--overwrite")
+    table.write_text("another")
+    done(*words, "--overwrite")
+    assert table.read_bytes() == first
 
 
-def test_a_folder_is_replaced_only_by_one_of_its_layout(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = (run, "--to", "lerobot", "--overwrite")
-    assert code_of(*words) == 0
-    assert code_of(*words) == 0
-    (run.parent / "run_lerobot" / "notes.txt").write_text("mine")
-    capsys.readouterr()
-    assert code_of(*words) == 2
-    shows(capsys.readouterr().err, "notes.txt")
-    assert (run.parent / "run_lerobot" / "notes.txt").read_text() == "mine"
-
-
-def test_no_foreign_file_is_lost_by_overwriting(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    project = run.parent / "project"
-    words = (run, "--to", "lerobot", "--out", project, "--overwrite")
+def test_no_foreign_file_is_lost_by_overwriting(run: Path, done: Typed, refused: Typed) -> None:
+    project, ours = run.parent / "project", run.parent / "run_lerobot"
+    words = ("export", run, "--to", "lerobot", "--overwrite")
+    done(*words)
+    done(*words)
+    (ours / "notes.txt").write_text("mine")
+    shows(refused(*words), "notes.txt")
+    assert (ours / "notes.txt").read_text() == "mine"
+    words += ("--out", project)
     (project / "data").mkdir(parents=True)
     (project / "data" / "raw.csv").write_text("mine")
-    assert code_of(*words) == 2
-    shows(capsys.readouterr().err, "project with data/raw.csv")
+    shows(refused(*words), "project with data/raw.csv")
     (project / "data" / "raw.csv").rename(project / "README.md")
     (project / "data").rmdir()
-    assert code_of(*words) == 2
-    shows(capsys.readouterr().err, "README.md", "without meta/info.json")
+    shows(refused(*words), "README.md", "without meta/info.json")
     assert (project / "README.md").read_text() == "mine"
     (project / "README.md").unlink()
     (project / "elsewhere").symlink_to(run.parent)
-    assert code_of(*words) == 2
-    shows(capsys.readouterr().err, "elsewhere")
+    shows(refused(*words), "elsewhere")
     (project / "elsewhere").unlink()
-    assert code_of(*words) == 0
+    done(*words)
     assert (project / "meta" / "info.json").is_file()
 
 
-@pytest.mark.parametrize("to", ["npz", "gmr-npz"])
-def test_the_run_itself_is_not_replaced(to: str, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = run.read_bytes()
+def test_no_file_that_is_read_is_replaced(run: Path, refused: Typed) -> None:
+    body, before = run.parent / "slider.xml", run.read_bytes()
+    shape = body.read_bytes()
     (run.parent / "link.npz").symlink_to(run)
     (run.parent / "second.npz").hardlink_to(run)
-    for out in (run, run.parent / "link.npz", run.parent / "second.npz"):
-        assert code_of(run, "--to", to, "--out", out, "--overwrite") == 2
-        shows(capsys.readouterr().err, "--out", "a file that is read")
-    assert run.read_bytes() == before and (run.parent / "link.npz").is_symlink()
-
-
-def test_no_other_file_that_is_read_is_replaced(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    body = run.parent / "slider.xml"
-    before = body.read_bytes()
-    assert code_of(run, "--to", "sonic", "--out", run.parent, "--overwrite") == 2
-    shows(capsys.readouterr().err, "the folder of run.npz")
-    assert code_of(run, "--to", "csv", "--body", body, "--out", body, "--overwrite") == 2
-    shows(capsys.readouterr().err, "a file that is read")
+    for to in ("npz", "gmr-npz"):
+        for out in (run, run.parent / "link.npz", run.parent / "second.npz"):
+            shows(refused("export", run, "--to", to, "--out", out, "--overwrite"), "--out", "a file that is read")
+    assert (run.parent / "link.npz").is_symlink()
+    shows(refused("export", run, "--to", "sonic", "--out", run.parent, "--overwrite"), "the folder of run.npz")
+    words = ("--to", "csv", "--body", body, "--out", body, "--overwrite")
+    shows(refused("export", run, *words), "a file that is read")
     again = run.parent / "run_lerobot" / "again.npz"
     again.parent.mkdir()
-    again.write_bytes(run.read_bytes())
-    assert code_of(run, again, "--to", "lerobot", "--overwrite") == 2
-    shows(capsys.readouterr().err, "the folder of again.npz")
-    assert run.is_file() and again.is_file() and body.read_bytes() == before
+    again.write_bytes(before)
+    shows(refused("export", run, again, "--to", "lerobot", "--overwrite"), "the folder of again.npz")
+    assert run.read_bytes() == again.read_bytes() == before and body.read_bytes() == shape
 
 
-def test_several_runs_are_one_data_set_and_no_table(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_runs_are_one_data_set_and_no_table(run: Path, done: Typed, refused: Typed) -> None:
     again = run.with_name("again.npz")
     again.write_bytes(run.read_bytes())
-    assert code_of(run, again, "--to", "csv") == 2
-    shows(capsys.readouterr().err, "--to", 2)
-    assert code_of(run, again, "--to", "lerobot") == 0
-    assert capsys.readouterr().out.count("27 rows") == 2
+    shows(refused("export", run, again, "--to", "csv"), "--to", 2)
+    assert done("export", run, again, "--to", "lerobot").count("27 rows") == 2
     info = json.loads((run.parent / "run_lerobot/meta/info.json").read_text())
     assert info["total_episodes"] == 2 and info["total_frames"] == 54
 
@@ -156,38 +142,25 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_refused_in_one_line(
-    case: str, run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_refused_in_one_line(case: str, run: Path, left: None, refused: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(run.parent)
-    before = sorted(path.name for path in run.parent.iterdir())
     words, message = REFUSED[case]
-    assert code_of(run, *words) == 2
-    printed = capsys.readouterr()
-    assert message in printed.err and printed.err.count("\n") == 1 and printed.out == ""
-    assert sorted(path.name for path in run.parent.iterdir()) == before
+    said = refused("export", run, *words)
+    assert message in said and said.count("\n") == 1
 
 
 @pytest.mark.parametrize("to", ["parquet", "lerobot"])
-def test_without_pyarrow(
-    to: str, run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
-    before = sorted(path.name for path in run.parent.iterdir())
-    assert code_of(run, "--to", to) == 2
-    assert "pyarrow" in capsys.readouterr().err
-    assert sorted(path.name for path in run.parent.iterdir()) == before
+def test_without_pyarrow(to: str, run: Path, left: None, refused: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert "pyarrow" in refused("export", run, "--to", to)
 
 
 @pytest.mark.parametrize("file", [".", "/", "", "nothing.npz", "x" * 5000 + ".npz", "run.txt"])
-def test_what_is_no_run(file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert code_of(file, "--to", "csv", "--out", tmp_path / "out.csv") == 2
-    assert capsys.readouterr().err.startswith("error: ") and not (tmp_path / "out.csv").exists()
-    assert code_of(file, "--to", "csv") == 2
+def test_what_is_no_run(file: str, tmp_path: Path, refused: Typed) -> None:
+    refused("export", file, "--to", "csv", "--out", tmp_path / "out.csv")
+    refused("export", file, "--to", "csv")
+    assert not (tmp_path / "out.csv").exists()
 
 
-def test_what_fails_halfway_leaves_nothing(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = sorted(path.name for path in run.parent.iterdir())
-    assert code_of(run, "--to", "lerobot", "--fps", "31.25") == 2
-    shows(capsys.readouterr().err)
-    assert sorted(path.name for path in run.parent.iterdir()) == before
+def test_what_fails_halfway_leaves_nothing(run: Path, left: None, refused: Typed) -> None:
+    shows(refused("export", run, "--to", "lerobot", "--fps", "31.25"))

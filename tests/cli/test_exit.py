@@ -10,7 +10,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import nullcontext, suppress
 from pathlib import Path
-from types import FrameType
+from unittest.mock import Mock
 
 import pytest
 import typer
@@ -55,7 +55,7 @@ def full_pipe() -> Iterator[tuple[int, int]]:
 @pytest.mark.parametrize("barred", [False, True])
 def test_nothing_goes_past_the_thread(barred: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is printed, also above a progress bar, which has a stream of its own in front of stderr."""
-    wrote: list[str] = []
+    wrote = list[str]()
 
     def write(self: Screen, text: str) -> int:
         if not isinstance(text, str):
@@ -77,20 +77,19 @@ def test_nothing_goes_past_the_thread(barred: bool, tmp_path: Path, monkeypatch:
 
 def test_an_unread_pipe_holds_nothing_up(full_pipe: tuple[int, int]) -> None:
     reading, writing = full_pipe
-    begun = CLOCK.now()
+    begun, read = CLOCK.now(), b""
+    os.set_blocking(reading, False)
     with os.fdopen(writing, "w", closefd=False) as stream:
         screen = Screen(stream)
         screen.waits = False
         for count in range(3 * MOST):
             screen.write(f"{count} ")
         assert not screen.drain(0.05) and CLOCK.now() - begun < 1.0
-        read = b""
-        os.set_blocking(reading, False)
-        while not screen.drain(0.01) and CLOCK.now() - begun < PATIENCE_S:
+        drained = False
+        while not drained and CLOCK.now() - begun < PATIENCE_S:
+            drained = screen.drain(0.01)
             with suppress(BlockingIOError):
                 read += os.read(reading, 1 << 20)
-        with suppress(BlockingIOError):
-            read += os.read(reading, 1 << 20)
         screen.end(None)
     latest = [int(text) for text in read.lstrip(b"\0").split()][-MOST:]
     assert latest == [*range(2 * MOST, 3 * MOST)], "read again: the latest are there"
@@ -150,39 +149,56 @@ def test_a_live_run_whose_terminal_takes_nothing_is_stopped_and_leaves_its_repor
         run.wait()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
-def test_a_signal_asks_to_stop(number: signal.Signals) -> None:
+INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+
+
+@pytest.mark.parametrize("number", REASONS)
+def test_a_signal_asks_to_stop_and_where_nothing_moves_any_more_it_interrupts(number: signal.Signals) -> None:
     before = signal.getsignal(number)
-    with stop_on_signals() as asked:
+    with stop_on_signals(moves=True) as asked:
+        with pytest.raises(KeyboardInterrupt), interruptible():
+            signal.raise_signal(number)
         assert not asked()
         signal.raise_signal(number)
         assert asked() and not asked.torque_off
         assert asked.why == REASONS[number] and number.name in asked.why.replace("Ctrl-C", "SIGINT")
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(INT)
         assert asked.why == REASONS[number], "the first one stays"
     assert signal.getsignal(number) is before
 
 
-@pytest.mark.parametrize("first", [number for number in REASONS if number != signal.SIGINT])
-def test_ctrl_c_after_another_signal_forces_torque_off_and_does_not_raise(first: signal.Signals) -> None:
+@pytest.mark.parametrize(
+    ("numbers", "torque_off"),
+    [
+        *(([first, *[INT] * count], True) for first in REASONS if first != INT for count in (1, 3)),
+        ([TERM, HUP, TERM], False),
+    ],
+)
+def test_only_ctrl_c_after_another_signal_forces_torque_off(numbers: list[signal.Signals], torque_off: bool) -> None:
     with stop_on_signals() as asked:
-        signal.raise_signal(first)
+        for number in numbers:
+            signal.raise_signal(number)
+        assert asked() and asked.torque_off is torque_off
+
+
+def test_one_ctrl_c_after_another_kind_of_stop_still_brakes() -> None:
+    """After the space bar, a stop file or a button, it is the first signal."""
+    with stop_on_signals() as asked:
+        asked.request("the stop file is there")
+        signal.raise_signal(INT)
         assert asked() and not asked.torque_off
-        for _ in range(3):
-            signal.raise_signal(signal.SIGINT)
-            assert asked() and asked.torque_off
 
 
 def test_a_held_ctrl_c_asks_and_pressed_again_it_forces_torque_off() -> None:
     clock = VirtualClock()
     with stop_on_signals(clock) as asked:
         for _ in range(60):  # as a keyboard repeats it
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(INT)
             clock.advance(0.03)
             assert asked() and not asked.torque_off
         assert asked.too_soon == 59
         clock.advance(0.3)
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(INT)
         assert asked.torque_off
 
 
@@ -198,7 +214,7 @@ def test_ctrl_z_suspends_no_robot_that_moves() -> None:
     assert signal.getsignal(signal.SIGTSTP) is before
 
 
-@pytest.mark.parametrize(("number", "stays"), [(n, n in (signal.SIGHUP, signal.SIGTERM)) for n in REASONS])
+@pytest.mark.parametrize(("number", "stays"), [(n, n in (HUP, TERM)) for n in REASONS])
 def test_what_is_ignored_stays_ignored_but_for_what_a_script_ignores_in_the_background(
     number: signal.Signals, stays: bool
 ) -> None:
@@ -226,16 +242,14 @@ def test_outside_of_a_motion_each_of_them_is_as_ctrl_c(number: signal.Signals) -
 
 
 def test_signals_that_are_handled_already_are_left_alone() -> None:
-    def handler(number: int, frame: FrameType | None) -> None:
-        """Nothing."""
-
-    before = signal.signal(signal.SIGTERM, handler)
+    handler = Mock()
+    before = signal.signal(TERM, handler)
     try:
         with all_as_ctrl_c():
-            signal.raise_signal(signal.SIGTERM)
-        assert signal.getsignal(signal.SIGTERM) is handler
+            signal.raise_signal(TERM)
+        assert signal.getsignal(TERM) is handler and handler.call_count == 1
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(TERM, before)
 
 
 def test_another_thread_sets_no_handlers() -> None:
@@ -243,47 +257,33 @@ def test_another_thread_sets_no_handlers() -> None:
 
     def command() -> None:
         with all_as_ctrl_c():
-            seen.append(signal.getsignal(signal.SIGTERM))
+            seen.append(signal.getsignal(TERM))
 
-    before = signal.getsignal(signal.SIGTERM)
     thread = threading.Thread(target=command)
     thread.start()
     thread.join()
-    assert seen == [before]
+    assert seen == [signal.getsignal(TERM)]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("words", [["--help"], ["check", "op3"]])
-def test_any_command_on_a_full_device_is_one_line(words: list[str]) -> None:
+@pytest.mark.parametrize("words", ["--help", "check op3"])
+def test_any_command_whose_output_cannot_be_printed_is_one_line_and_whose_reader_has_left_is_quiet(words: str) -> None:
+    command = [sys.executable, "-m", "retarget", *words.split()]
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
     with Path("/dev/full").open("w") as full:
-        result = subprocess.run(
-            [sys.executable, "-m", "retarget", *words], stdout=full, stderr=subprocess.PIPE, text=True
-        )
+        result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
     assert result.returncode == 2
     assert result.stderr.startswith("error: stdout: cannot print") and len(result.stderr.splitlines()) == 1
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("words", [["--help"], ["check", "op3"]])
-def test_any_command_whose_reader_has_left_is_quiet(words: list[str]) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     with os.fdopen(writer, "w") as pipe:
-        result = subprocess.run(
-            [sys.executable, "-m", "retarget", *words], stdout=pipe, stderr=subprocess.PIPE, text=True
-        )
+        result = subprocess.run(command, stdout=pipe, stderr=subprocess.PIPE, text=True)
     assert (result.returncode, result.stderr) == (0, "")
 
 
 @settings(max_examples=60)
-@given(
-    delay=st.floats(0.15, 1.0),
-    period=st.floats(0.01, 0.12),
-    tick=st.floats(0.004, 0.02),
-    phase=st.floats(0.0, 1.0),
-)
+@given(st.floats(0.15, 1.0), st.floats(0.01, 0.12), st.floats(0.004, 0.02), st.floats(0.0, 1.0))
 def test_held_it_is_not(delay: float, period: float, tick: float, phase: float) -> None:
     """For 4 s, looked at in every tick."""
     repeats = [phase, *(phase + delay + period * count for count in range(int(3.0 / period)))]
@@ -293,21 +293,6 @@ def test_held_it_is_not(delay: float, period: float, tick: float, phase: float) 
         come = sum(time <= now for time in repeats)
         assert come == seen or key.pressed(come - seen, now) is not KeyPress.SECOND
         seen = come
-
-
-def test_a_second_sigterm_still_brakes() -> None:
-    with stop_on_signals() as asked:
-        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGTERM):
-            signal.raise_signal(number)
-        assert asked() and not asked.torque_off
-
-
-def test_one_ctrl_c_after_another_kind_of_stop_still_brakes() -> None:
-    """After the space bar, a stop file or a button, it is the first signal."""
-    with stop_on_signals() as asked:
-        asked.request("the stop file is there")
-        signal.raise_signal(signal.SIGINT)
-        assert asked() and not asked.torque_off
 
 
 @pytest.mark.parametrize("stall", [0.25, 1.0])
@@ -320,13 +305,3 @@ def test_held_and_read_late_it_is_not(stall: float) -> None:
         now += 0.033
     for count, later in ((int(stall / 0.033), 0.0), (0, 0.01), (1, 0.02)):
         assert key.pressed(count, now + stall + later) is not KeyPress.SECOND
-
-
-@pytest.mark.parametrize("number", REASONS)
-def test_where_nothing_moves_any_more_a_signal_interrupts(number: signal.Signals) -> None:
-    with stop_on_signals(moves=True) as asked:
-        with pytest.raises(KeyboardInterrupt), interruptible():
-            signal.raise_signal(number)
-        assert not asked()
-        signal.raise_signal(number)
-        assert asked(), "afterwards it asks again"

@@ -6,16 +6,15 @@ from random import Random
 
 import pytest
 
-from command_line import said_by
+from command_line import Typed, said_by
 from messages import shows
 from motion_texts import amc_text, bvh_text, c3d_bytes, write_amc
 from retarget.sources.streams.raw_record import RawWriter
 
 
-def test_the_text_has_size_sensors_and_notes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_text_has_size_sensors_and_notes(tmp_path: Path, done: Typed) -> None:
     path = write_amc(tmp_path, amc_text(5))
-    code, out, err = said_by(capsys, "inspect", str(path))
-    assert code == 0 and err == ""
+    out = done("inspect", path)
     assert str(path) in out.replace("\n", "")
     shows(out, 5, 120, "0.03", "1.6", "thigh", "0.423", 23)
     rows = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line.startswith(("head", "l_wrist"))}
@@ -27,13 +26,8 @@ def test_a_program_gets_one_json_object_without_nan(tmp_path: Path, capsys: pyte
     path.write_bytes(c3d_bytes(3, lost=[(i, "LANK") for i in range(3)]))
     code, out, err = said_by(capsys, "inspect", str(path), "--json")
     data = json.loads(out)
-    assert (
-        code == 2
-        and data["refused"] in err
-        and data["frames"] == 3
-        and data["rate_hz"] == 100.0
-        and data["joints"] == []
-    )
+    assert code == 2 and data["refused"] in err
+    assert (data["frames"], data["rate_hz"], data["joints"]) == (3, 100.0, [])
     shows(data["refused"].replace(str(path), "FILE"), "l_ankle never seen")
     ankle = next(sensor for sensor in data["sensors"] if sensor["name"] == "l_ankle")
     assert ankle["valid"] == 0.0 and ankle["highest_m"] is None and ankle["oriented"] == 0.0
@@ -41,19 +35,16 @@ def test_a_program_gets_one_json_object_without_nan(tmp_path: Path, capsys: pyte
 
 
 def test_a_recorded_stream_is_shown_by_the_names_of_its_sender(
-    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    shared: Path, tmp_path: Path, done: Typed, refused: Typed
 ) -> None:
     path = shared / "streams/slimevr/full12_vrcosc_20hz.udprec.gz"
-    code, out, _ = said_by(capsys, "inspect", f"replay://{path}", "--json")
-    data = json.loads(out)
-    assert code == 0 and data["frames"] == 305 and data["rate_hz"] == pytest.approx(20.0, rel=0.05)
+    data = json.loads(done("inspect", f"replay://{path}", "--json"))
+    assert data["frames"] == 305 and data["rate_hz"] == pytest.approx(20.0, rel=0.05)
     assert [sensor["name"] for sensor in data["sensors"]][:2] == ["tracker://head", "tracker://6"]
     assert data["notes"] == ["not used: tracker that is none of 1 to 8 and head (1830)"]
     RawWriter(tmp_path / "empty.raw", url="json://:14150").close()
     for words in ([f"replay://{tmp_path}/empty.raw"], [f"replay://{path}", "--unit", "cm"], ["vmc:39539"]):
-        code, out, err = said_by(capsys, "inspect", *words)
-        assert code == 2 and out == ""
-        shows(err.replace(str(path), "FILE").replace(str(tmp_path), "FOLDER"))
+        shows(refused("inspect", *words).replace(str(path), "FILE").replace(str(tmp_path), "FOLDER"))
 
 
 # What a run of the virtual human says: `inspect` says the same, accepted or refused, and why.

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from command_line import Typed
 from messages import shows
-from retarget.cli import main
-from retarget.cli.exit import REFUSED
 from unknown_robots import small_bust
 
 FILES = {
@@ -139,15 +138,10 @@ TYPED = [
 
 @pytest.mark.parametrize("typed", TYPED)
 def test_it_is_one_message_and_nothing_is_left(
-    typed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    typed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Typed
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)
-    with pytest.raises(SystemExit) as left:
-        main(shlex.split(typed))
-    out, err = capsys.readouterr()
-    assert (left.value.code, out) == (REFUSED, ""), err
-    assert err.lower().count("error:") <= 1 and "Traceback" not in err
-    shows(err)
+    shows(refused(*shlex.split(typed)))
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == FILES

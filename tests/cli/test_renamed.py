@@ -4,11 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from command_line import copy_of_op3, said_by
+from command_line import Typed, copy_of_op3
 from command_pages import commands
 from messages import shows
 from retarget.cli.controls import WORDS, refused_word
-from retarget.cli.exit import REFUSED
 from retarget.errors import RENAMED
 from retarget.schema.catalogue import shipped_folder
 
@@ -18,7 +17,6 @@ PRIORITIES = shipped_folder() / "priorities"
 
 
 def text_of(file: str) -> str:
-    """A shipped priority file."""
     return (PRIORITIES / f"{file}.yaml").read_text(encoding="utf-8")
 
 
@@ -26,13 +24,6 @@ FILES = [old for old, new in RENAMED.items() if (PRIORITIES / f"{new}.yaml").is_
 KEYS = [
     (file, old) for file in ("balanced", "fixed_base") for old, new in RENAMED.items() if f"{new}:" in text_of(file)
 ]
-
-
-def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
-    """What is on stderr when the command line is refused."""
-    code, out, err = said_by(capsys, *words)
-    assert (code, out) == (REFUSED, "") and "Traceback" not in err
-    return err
 
 
 @pytest.mark.parametrize(
@@ -45,36 +36,36 @@ def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
         (("servo", "setup", "--id", "13", "--drive-mode", "4"), "--drive-mode", "--register"),
     ],
 )
-def test_an_option(words: tuple[str, ...], old: str, option: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_option(words: tuple[str, ...], old: str, option: str, refused: Typed) -> None:
     new = RENAMED[f"{words[0]} {old}"]
-    shows(refused(capsys, *words), old, new)
+    shows(refused(*words), old, new)
     called = [command for name, command in commands() if name in (words[0], " ".join(words[:2]))]
     assert option in new.lower()
     assert option in {name for command in called for one in command.params for name in one.opts}
 
 
 @pytest.mark.parametrize("old", FILES)
-def test_a_priority_file(old: str, capsys: pytest.CaptureFixture[str]) -> None:
-    shows(refused(capsys, *RUN, "--priorities", old), old, f"called {RENAMED[old]} now")
+def test_a_priority_file(old: str, refused: Typed) -> None:
+    shows(refused(*RUN, "--priorities", old), old, f"called {RENAMED[old]} now")
 
 
-def test_a_priority_file_that_a_profile_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_priority_file_that_a_profile_names(tmp_path: Path, refused: Typed) -> None:
     profile = copy_of_op3(tmp_path, ("retarget: servo", "retarget: steady"))
     for words in (("check", profile), ("run", "--robot", profile, *RUN[3:])):
-        shows(refused(capsys, *words), "'steady'", "called balanced now")
+        shows(refused(*words), "'steady'", "called balanced now")
 
 
 @pytest.mark.parametrize(("file", "old"), KEYS)
-def test_a_key_of_a_priority_file(file: str, old: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_key_of_a_priority_file(file: str, old: str, tmp_path: Path, refused: Typed) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(text_of(file).replace(f"{RENAMED[old]}:", f"{old}:"), encoding="utf-8")
-    shows(refused(capsys, "check", path), path, old, f"called {RENAMED[old]} now")
+    shows(refused("check", path), path, old, f"called {RENAMED[old]} now")
 
 
-def test_a_key_of_a_profile(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_key_of_a_profile(tmp_path: Path, refused: Typed) -> None:
     new = RENAMED[OF_PROFILE]
     profile = copy_of_op3(tmp_path, (new, OF_PROFILE))
-    shows(refused(capsys, "check", profile), profile, OF_PROFILE, f"called {new} now")
+    shows(refused("check", profile), profile, OF_PROFILE, f"called {new} now")
 
 
 def test_every_old_name_is_tried() -> None:

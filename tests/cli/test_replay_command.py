@@ -3,22 +3,18 @@
 import json
 import re
 import shutil
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from command_line import code_of
+from command_line import Typed, said_by
 from messages import shows
 from recordings import Recorded, record
-from retarget.cli.exit import DONE, REFUSED, STOPPED
+from retarget.cli.exit import DONE, STOPPED
 from retarget.recording.read_run import read_run
-from retarget.recording.reading import Recording
 from retarget.run.options import RunOptions
 from retarget.schema.catalogue import shipped_folder
-
-run = partial(code_of, "replay")
 
 
 @pytest.fixture(scope="module")
@@ -27,27 +23,22 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 
 @pytest.mark.long
-def test_the_same_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert run(plain.path, "--save", tmp_path / "again.npz") == DONE
-    shown = capsys.readouterr()
-    lines = shown.out.splitlines()
-    assert lines[0] == f"{plain.path}: synthetic on op3, --bus mock"
-    assert lines[1].startswith("all ") and lines[1].endswith(" ticks")
-    assert lines[2] == f"run: {tmp_path / 'again.npz'}" and shown.err == ""
+def test_the_same_goals(plain: Recorded, done: Typed, tmp_path: Path) -> None:
+    first, second, third, *_ = done("replay", plain.path, "--save", tmp_path / "again.npz").splitlines()
+    assert first == f"{plain.path}: synthetic on op3, --bus mock"
+    assert second.startswith("all ") and second.endswith(" ticks")
+    assert third == f"run: {tmp_path / 'again.npz'}"
     with np.load(tmp_path / "again.npz") as arrays:
         assert len(arrays["time"]) == len(plain.result.record)
 
 
 @pytest.mark.long
 def test_other_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    def moved(path: Path) -> Recording:
-        found = plain.read()
-        found.cycles.goal_ticks[100:, 4] += 3
-        return found
-
-    monkeypatch.setattr("retarget.recording.reading.read_recording", moved)
-    assert run(plain.path) == STOPPED
-    out = capsys.readouterr().out
+    other = plain.read()
+    other.cycles.goal_ticks[100:, 4] += 3
+    monkeypatch.setattr("retarget.recording.reading.read_recording", lambda path: other)
+    code, out, _ = said_by(capsys, "replay", plain.path)
+    assert code == STOPPED
     shows(out, 100, "0.800", "0.264", 3)
 
 
@@ -65,42 +56,38 @@ def test_a_recording_that_was_cut_off(
     cut, whole = tmp_path / "cut.mcap", record(tmp_path / "run.mcap")
     content = whole.path.read_bytes()
     cut.write_bytes(content[: round(share * len(content))])
-    assert run(cut) == STOPPED
-    shown = capsys.readouterr()
-    shows(shown.err, varies=CUT)
-    seconds, cycle = map(float, re.findall(r"its first ([\d.]+) s are read, up to cycle (\d+)", shown.err)[0])
+    code, out, err = said_by(capsys, "replay", cut)
+    assert code == STOPPED
+    seconds, cycle = map(float, re.findall(r"its first ([\d.]+) s are read, up to cycle (\d+)", err)[0])
     assert seconds == pytest.approx(0.008 * (cycle - 1), abs=0.02)
-    compared = int(shown.out.split("all ")[1].split()[0])
+    compared = int(out.split("all ")[1].split()[0])
     assert 0 < compared < len(whole.result.record)
-    shows(shown.err, compared, varies=CUT)
-    shows(shown.out, compared, varies=CUT)
+    shows(err, compared, varies=CUT)
+    shows(out, compared, varies=CUT)
 
 
 @pytest.mark.long
-def test_a_robot_that_is_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_that_is_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str], refused: Typed) -> None:
     """Its files are in the recording; the body goes beside the run that is saved, where others find it."""
-    own = tmp_path / "op3"
+    own, away = tmp_path / "op3", tmp_path / "away"
     shutil.copytree(shipped_folder() / "robots" / "op3", own)
     recorded = record(tmp_path / "run.mcap", options=RunOptions(robot=str(own)), seconds=0.1)
-    own.rename(tmp_path / "away")
-    assert run(recorded.path, "--save", tmp_path / "again.npz", "--report", tmp_path / "again.json") == DONE
-    shown = capsys.readouterr()
-    assert shown.err == ""
-    assert (tmp_path / "again_body.xml").read_bytes() == (tmp_path / "away" / "body.xml").read_bytes()
+    words = ("replay", recorded.path)
+    own.rename(away)
+    files = ("--save", tmp_path / "again.npz", "--report", tmp_path / "again.json")
+    for more in (files, ("--robot", away)):
+        code, _, err = said_by(capsys, *words, *more)
+        assert (code, err) == (DONE, "")
+    assert (tmp_path / "again_body.xml").read_bytes() == (away / "body.xml").read_bytes()
     assert read_run(tmp_path / "again.npz").joint_names == read_run(recorded.path).joint_names
-    assert run(recorded.path, "--robot", tmp_path / "away") == DONE
-    assert capsys.readouterr().err == ""
-    assert run(recorded.path, "--robot", "toddlerbot") == REFUSED
-    shows(capsys.readouterr().err)
-    assert run(recorded.path, "--goals", "--bus", "mock") == DONE
-    assert run(recorded.path, "--goals", "--bus", tmp_path / "tty") == REFUSED
-    shows(capsys.readouterr().err)
+    assert said_by(capsys, *words, "--goals", "--bus", "mock")[0] == DONE
+    for more in (("--robot", "toddlerbot"), ("--goals", "--bus", tmp_path / "tty")):
+        shows(refused(*words, *more))
 
 
 @pytest.mark.long
-def test_goals_go_to_a_bus(plain: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(plain.path, "--goals", "--bus", "emulator") == DONE
-    out = capsys.readouterr().out
+def test_goals_go_to_a_bus(plain: Recorded, done: Typed) -> None:
+    out = done("replay", plain.path, "--goals", "--bus", "emulator")
     counts = re.search(
         r"(\d+) goals sent along .* emulator, (\d+) during .* and (\d+) while .*\n.* 0 of these (\d+)\n", out
     )
@@ -113,9 +100,8 @@ def test_goals_go_to_a_bus(plain: Recorded, capsys: pytest.CaptureFixture[str]) 
 def test_a_note_is_said_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = RunOptions(robot="op3", priorities="fixed_base")
     recorded = record(tmp_path / "run.mcap", options=options, seconds=0.1)
-    assert run(recorded.path, "--goals", "--bus", "mock") == DONE
-    shown = capsys.readouterr().err
-    assert shown.count("note: ") == 1 and shown.splitlines()[0] == f"note: {recorded.result.notes[0]}"
+    code, _, shown = said_by(capsys, "replay", recorded.path, "--goals", "--bus", "mock")
+    assert code == DONE and shown.count("note: ") == 1 and shown.startswith(f"note: {recorded.result.notes[0]}\n")
     shows(shown, "fixed_base", "op3")
-    assert run(recorded.path, "--report", tmp_path / "again.json") == DONE
+    assert said_by(capsys, "replay", recorded.path, "--report", tmp_path / "again.json")[0] == DONE
     assert json.loads((tmp_path / "again.json").read_text(encoding="utf-8"))["notes"] == [*recorded.result.notes]

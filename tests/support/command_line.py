@@ -1,15 +1,16 @@
 """The command line in this process: its exit code, and what it says."""
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from retarget.cli import main
 from retarget.schema.catalogue import shipped_folder
 
+Typed = Callable[..., str]
+"""Takes the words of a command line; what is printed."""
 
 def code_of(*words: object) -> int:
     """The exit code of `retarget WORDS`."""
@@ -41,19 +42,3 @@ def copy_of_op3(folder: Path, *replacements: tuple[str, str]) -> Path:
     (folder / "robot.yaml").write_text(text, encoding="utf-8")
     shutil.copy(OP3 / "body.xml", folder)
     return folder / "robot.yaml"
-
-
-# Real datagrams with random damage, for long fuzzing: from a seed, faster than hypothesis.
-
-
-def mutated(generator: np.random.Generator, real: Sequence[bytes]) -> bytes:
-    """One of them with up to three bytes changed, mostly early ones; one in ten is also cut, one in ten random."""
-    if generator.random() < 0.1:
-        return generator.bytes(int(generator.integers(0, 900)))
-    datagram = bytearray(real[int(generator.integers(len(real)))])
-    for _ in range(int(generator.integers(0, 4))):
-        reach = len(datagram) if generator.random() < 0.5 else min(len(datagram), 32)
-        datagram[generator.integers(reach)] = generator.integers(256)
-    if generator.random() < 0.1:
-        del datagram[generator.integers(len(datagram)) :]
-    return bytes(datagram)
