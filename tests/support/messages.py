@@ -305,8 +305,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Reads the snapshots."""
     _book.update = bool(config.getoption("--update-messages"))
-    for path in sorted(SNAPSHOTS.glob("*.txt")):
-        _book.pinned[path.stem] = read_snapshot(path.read_text(encoding="utf-8"))
+    _book.pinned = read_all()
+
+
+def read_all() -> dict[str, dict[str, list[str]]]:
+    """Every area's snapshot."""
+    return {path.stem: read_snapshot(path.read_text(encoding="utf-8")) for path in sorted(SNAPSHOTS.glob("*.txt"))}
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -364,6 +368,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     if worker is not None:
         worker["messages"] = _book.noted
     else:
+        _book.pinned = read_all()  # another run may have written since
         write_all(_book.pinned, _book.noted, gone=stale_entries())
 
 
@@ -381,9 +386,9 @@ def write_all(
         tests = {test: old for test, old in pinned.get(area, {}).items() if test not in ran and test not in gone}
         tests |= {test: new for test, new in noted.get(area, {}).items() if new}
         path = folder / f"{area}.txt"
-        if tests:
+        if tests and tests != pinned.get(area):
             path.write_text(write_snapshot(tests), encoding="utf-8")
-        else:
+        elif not tests:
             path.unlink(missing_ok=True)
 
 
