@@ -14,10 +14,6 @@ pub enum JointKind {
 }
 
 impl JointKind {
-    pub fn from_code(code: i64) -> Option<Self> {
-        [Self::Free, Self::Ball, Self::Slide, Self::Hinge].get(usize::try_from(code).ok()?).copied()
-    }
-
     /// (entries in q, entries in dq)
     pub fn size(self) -> (usize, usize) {
         match self {
@@ -115,15 +111,15 @@ impl Body {
         Ok(Self { links, joints, nq, nv, dof_link, dof_linear, dof_is_root, total_mass })
     }
 
-    /// How far the body reaches stretched out, m: the longest way from a top link to the origin of another; 1 where there is none.
+    /// Reach of the stretched body, m: the longest path from a top link to the origin of another; 1 if there is none.
     pub fn size(&self) -> f64 {
-        let mut way = vec![0.0; self.links.len()];
+        let mut reach = vec![0.0; self.links.len()];
         for (b, link) in self.links.iter().enumerate().skip(1) {
             if link.parent > 0 {
-                way[b] = way[link.parent] + norm(link.pos);
+                reach[b] = reach[link.parent] + norm(link.pos);
             }
         }
-        let longest = way.iter().fold(0.0, |a: f64, b| a.max(*b));
+        let longest = reach.iter().fold(0.0, |a: f64, b| a.max(*b));
         if longest > 0.0 {
             longest
         } else {

@@ -1,9 +1,7 @@
-//! One model of braking, for solver, gate and stop: how far a coordinate may go in one frame, as a box on its displacement (position,
-//! velocity, acceleration and braking-distance limits), and how joints come to rest.
+//! One model of braking for solver, gate and stop: the box on the displacement of a coordinate in one frame (position, velocity,
+//! acceleration and braking-distance limits), and the path on which joints come to rest.
 
-use crate::math::{norm, Vec3};
-
-/// Limits of one velocity coordinate. Infinite where there is none.
+/// Limits of one velocity coordinate; infinite ones do not limit.
 #[derive(Clone, Copy, Debug)]
 pub struct Limit {
     pub lower: f64,
@@ -22,12 +20,12 @@ pub fn braking_displacement(gap: f64, a: f64) -> f64 {
     (gap + a * n * (n + 1.0) * 0.5) / (n + 1.0)
 }
 
-/// What one coordinate may move in one frame.
+/// Bounds of the displacement of one coordinate in one frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FrameBox {
     pub lo: f64,
     pub hi: f64,
-    /// The end of the range (or braking before it) is what limits that side, not speed.
+    /// True if the end of the range, or braking before it, limits that side, not speed.
     pub lo_is_stop: bool,
     pub hi_is_stop: bool,
 }
@@ -43,9 +41,9 @@ impl FrameBox {
 
 /// Displacement box of one coordinate at `q`, whose displacement in the frame before was `before`.
 ///
-/// Acceleration comes first (a machine cannot break it), then velocity, then position and braking distance; a start
-/// beyond a limit may only come back, as fast as it may move. Always lo <= hi. A share `speed` (0, 1] of the limit's
-/// speed goes with its square of the acceleration; to brake, the whole of it may always be used.
+/// Acceleration comes first (a machine cannot break it), then velocity, then position and braking distance. From beyond a
+/// limit a coordinate may only come back, as fast as it may move. Always lo <= hi. A share `speed` (0, 1] scales the limit
+/// of velocity, and its square that of acceleration; to brake, the whole acceleration may always be used.
 pub fn frame_bounds(q: f64, before: f64, limit: &Limit, speed: f64, dt: f64) -> FrameBox {
     let before = if before.is_finite() { before } else { 0.0 };
     let v = speed * limit.velocity * dt;
@@ -59,7 +57,7 @@ pub fn frame_bounds(q: f64, before: f64, limit: &Limit, speed: f64, dt: f64) -> 
     if lo <= hi {
         FrameBox { lo, hi, lo_is_stop, hi_is_stop }
     } else {
-        // Only when the coordinate has no room at all: stand still as nearly as the limits allow.
+        // The coordinate has no room at all: stand still as nearly as the limits allow.
         let x = 0.0_f64.clamp(acc_lo, acc_hi).clamp(hi.min(lo), hi.max(lo));
         FrameBox { lo: x, hi: x, lo_is_stop, hi_is_stop }
     }
@@ -68,29 +66,22 @@ pub fn frame_bounds(q: f64, before: f64, limit: &Limit, speed: f64, dt: f64) -> 
 /// Deceleration (m/s^2) with which the centre of mass of a body that stands on its soles can surely be stopped.
 pub const MASS_BRAKING: f64 = 1.0;
 
-/// How a body moves, and what its joints can do about it.
+/// The motion of a body, and the limits of its joints.
 pub struct Motion<'a> {
-    /// Of every coordinate, per second.
+    /// Velocity of every coordinate, per second.
     pub velocity: &'a [f64],
     pub limits: &'a [Limit],
-    /// The postures (k, nq) in which it would come to rest, and in how many seconds, where its stop is planned; else joints are taken to brake
-    /// in proportion.
+    /// Postures (k, nq) in which a planned stop would end, and its time, s. Without it, joints are taken to brake in proportion.
     pub stop: Option<(&'a [f64], f64)>,
 }
 
-/// Seconds in which a body comes to rest, all coordinates in proportion: as many as the slowest of them needs at its full deceleration. 0
-/// for a body at rest, and for one that stops at once.
+/// Time (s) in which a body comes to rest, all coordinates in proportion, the slowest at its full deceleration. 0 for a body at rest, and
+/// for one that stops at once.
 pub fn stopping_time(velocity: &[f64], limits: &[Limit]) -> f64 {
     velocity.iter().zip(limits).map(|(v, limit)| v.abs() / limit.acceleration).fold(0.0, f64::max)
 }
 
-/// Seconds in which a centre of mass over soles, at this velocity (m/s), comes to rest: at MASS_BRAKING, and a fast one in the time
-/// `pendulum`, sqrt(height / g), in which its zero-moment point is at its capture point.
-pub fn mass_stopping_time(velocity: Vec3, pendulum: f64) -> f64 {
-    pendulum.min(norm(velocity) / MASS_BRAKING)
-}
-
-/// Part of the frame's box that is left for one iteration, with its step limit. Contains a point of the frame's box always.
+/// The part of the frame's box that is left for one iteration, within its step limit. It always contains a point of the frame's box.
 pub fn iteration_bounds(frame: &FrameBox, done: f64, step: f64) -> (f64, f64) {
     let (lo, hi) = (frame.lo - done, frame.hi - done);
     if lo > 0.0 {
@@ -102,10 +93,10 @@ pub fn iteration_bounds(frame: &FrameBox, done: f64, step: f64) -> (f64, f64) {
     }
 }
 
-/// Rows of a stop after which joints that are still faster than their limits are given up.
+/// Most rows of a stop, for joints that are far too fast.
 const MOST_ROWS: usize = 1000;
 
-/// What a gate lets pass in a tick, and how joints that brake come to rest together.
+/// Displacements that a gate accepts in a tick, and the path on which braking joints come to rest together.
 pub struct Braking {
     limits: Vec<Limit>,
     dt: f64,
@@ -127,7 +118,7 @@ impl Braking {
         self.limits.len()
     }
 
-    /// Displacements of joint i that leave it a way to brake within its range. To go on braking is always among them, beyond a limit too.
+    /// Displacements of joint i from which it can brake within its range. To go on braking is always among them, beyond a limit too.
     pub fn bounds(&self, i: usize, position: f64, displacement: f64) -> (f64, f64) {
         let braked = (displacement.abs() - self.change[i]).max(0.0).copysign(displacement);
         let bounds = frame_bounds(position, displacement, &self.limits[i], 1.0, self.dt);
@@ -140,8 +131,8 @@ impl Braking {
         slowest.min(self.longest as f64) // one that is too fast brakes by itself
     }
 
-    /// The next displacement of all joints that brake in proportion, so that they go on along their way and come to rest together; one
-    /// that would leave its range so brakes earlier.
+    /// The next displacement of joints that brake in proportion, so that they keep their direction and come to rest together. A joint
+    /// that would leave its range brakes earlier.
     pub fn brake(&self, position: &[f64], displacement: &mut [f64]) {
         let left = 1.0 - 1.0 / self.ticks(displacement);
         for (i, d) in displacement.iter_mut().enumerate() {
@@ -153,12 +144,11 @@ impl Braking {
     /// Displacement of joint i to a goal that misses its bounds by no more than `tolerance`.
     pub fn admitted(&self, i: usize, position: f64, displacement: f64, goal: f64, tolerance: f64) -> Option<f64> {
         let (lo, hi) = self.bounds(i, position, displacement);
-        let asked = goal - position;
-        (lo - asked <= tolerance && asked - hi <= tolerance).then(|| asked.max(lo).min(hi))
+        let requested = goal - position;
+        (lo - requested <= tolerance && requested - hi <= tolerance).then(|| requested.max(lo).min(hi))
     }
 
-    /// Postures (rows, n) tick by tick to rest, of joints that got to `position` by `displacement`. None are left where they may stop there
-    /// at once.
+    /// Postures (rows, n) tick by tick to rest, of joints that got to `position` by `displacement`; empty if they may stop at once.
     pub fn stop(&self, position: &[f64], displacement: &[f64]) -> Vec<f64> {
         let (mut path, mut at, mut moved) = (vec![], position.to_vec(), displacement.to_vec());
         for _ in 0..MOST_ROWS {
@@ -172,7 +162,7 @@ impl Braking {
         path
     }
 
-    /// Whether joints that got to `position` by `displacement` keep every limit on `path` (rows, n), and may stop at its end at once.
+    /// True if joints that got to `position` by `displacement` keep every limit on `path` (rows, n), and may stop at its end at once.
     pub fn keeps(&self, position: &[f64], displacement: &[f64], path: &[f64], tolerance: f64) -> bool {
         let (mut at, mut moved) = (position.to_vec(), displacement.to_vec());
         for row in path.chunks_exact(self.joints()) {

@@ -1,13 +1,13 @@
-//! One frame: targets in, posture out, in at most `n_ik` iterations of the convergence loop (paper, Figure 2); and the way to a stop.
+//! One frame: targets in, posture out, in at most `n_ik` iterations of the convergence loop (paper, Figure 2); and the path of a stop.
 //!
 //! The linear problem of one iteration is metric, rows and box, in the variables z = (dq - reference) / scale. Observers add their rows,
-//! and ask for a second solve after a trial.
+//! and may need a second solve after a trial.
 
-use crate::braking::{frame_bounds, iteration_bounds, mass_stopping_time, stopping_time, Limit, Motion};
+use crate::braking::{frame_bounds, iteration_bounds, stopping_time, Limit, Motion, MASS_BRAKING};
 use crate::frame::FrameSolver;
 use crate::hierarchy::{Problem, BUDGET};
 use crate::level_rows::Placed;
-use crate::math::{add_scaled, quat_mul};
+use crate::math::{add_scaled, norm, quat_mul};
 use crate::observers::{Activation, Iteration};
 use crate::task::TaskKind;
 use crate::task_rows::{Columns, RowWriter};
@@ -15,11 +15,11 @@ use std::ops::Range;
 
 /// A step (m, rad) as short as this has converged.
 const STILL: f64 = 1e-7;
-/// Solves of one iteration in which pairs may still ask for a row.
-const MOST_SURPRISES: usize = 4;
+/// Most further solves of one iteration, each with the rows of newly active pairs.
+const MOST_EXTRA_SOLVES: usize = 4;
 
 impl FrameSolver {
-    /// One frame of `dt` seconds towards `targets`, at a share `speed` (0, 1] of all speeds; the posture reached is in `q`.
+    /// One frame of `dt` seconds towards `targets`, at a share `speed` (0, 1] of all speeds. `q` becomes the posture reached.
     pub fn frame(&mut self, targets: &[f64], speed: f64, dt: f64) {
         for i in 0..self.body.nv {
             self.frame_box[i] = frame_bounds(self.coordinate(i), self.velocity[i] * dt, &self.limits[i], speed, dt);
@@ -38,35 +38,35 @@ impl FrameSolver {
         for i in 0..self.body.nv {
             self.velocity[i] = self.done[i] / dt;
         }
-        if let Some(watch) = &mut self.watch {
-            watch.finish(&self.done);
+        if let Some(monitor) = &mut self.monitor {
+            monitor.finish(&self.done);
         }
         self.stop = None;
     }
 
-    /// Kinematics and errors of the posture as it is, after so many iterations of a frame of `dt` s.
+    /// Update kinematics and errors after `done` iterations of a frame of `dt` s.
     fn look(&mut self, targets: &[f64], done: usize, dt: f64) {
         self.posed &= done == 0;
         self.pose_body();
         let stop = self.stop.as_ref().map(|stop| (&stop.0[..], stop.1));
         let motion = Motion { velocity: &self.velocity, limits: &self.limits, stop };
-        if let Some(watch) = &mut self.watch {
+        if let Some(monitor) = &mut self.monitor {
             if done == 0 {
                 for p in &self.placed {
                     if let TaskKind::Observers(task) = &p.task.kind {
-                        watch.tasks[task.index].on = p.task.is_present(&targets[p.target.clone()]);
+                        monitor.tasks[task.index].on = p.task.is_present(&targets[p.target.clone()]);
                     }
                 }
-                watch.begin(&self.body, (&self.q, &self.pose), &motion, dt, self.settings.n_ik);
+                monitor.begin(&self.body, (&self.q, &self.pose), &motion, dt, self.settings.n_ik);
             } else {
-                watch.look(&self.pose, done, &self.step);
+                monitor.look(&self.pose, done, &self.step);
             }
         }
         for (error, p) in self.task_errors.iter_mut().zip(&self.placed) {
             let target = &targets[p.target.clone()];
-            *error = match (&p.task.kind, &self.watch) {
+            *error = match (&p.task.kind, &self.monitor) {
                 _ if !p.task.is_present(target) => f64::NAN,
-                (TaskKind::Observers(task), Some(watch)) => watch.violation[task.index],
+                (TaskKind::Observers(task), Some(monitor)) => monitor.violation[task.index],
                 _ => p.task.error_size(&self.body, &self.pose, target),
             };
         }
@@ -80,11 +80,11 @@ impl FrameSolver {
         }
     }
 
-    /// The last step was none, the box of the frame allows to stay, and no obstacle comes nearer.
+    /// True if the last step was zero, the box of the frame allows to stay, and no obstacle comes nearer.
     fn stands(&self) -> bool {
         self.step.iter().all(|step| step.abs() <= STILL)
             && self.frame_box.iter().zip(&self.done).all(|(b, d)| b.holds(*d))
-            && self.watch.as_ref().is_none_or(|w| !w.needs_every_iteration())
+            && self.monitor.as_ref().is_none_or(|monitor| !monitor.needs_every_iteration())
     }
 
     fn iterate(&mut self, targets: &[f64]) {
@@ -99,16 +99,16 @@ impl FrameSolver {
         self.body.integrate(&mut self.q, &self.step);
     }
 
-    /// The postures (rows, nq) of coming to rest, a row for each frame of `dt` seconds and `most` of them: coordinates and the centre of
-    /// mass go on by less and less of the velocity with which they began, by none after their stopping time, as far as limits let them, and
-    /// points and frames that have a task, which stay. After the last row the body may stop at once. A coordinate that begins beyond the
-    /// end of its range goes no farther than it must.
+    /// Postures (rows, nq) of a stop, one row for each frame of `dt` s, at most `most`. The velocities of coordinates and of the centre of
+    /// mass fall linearly to zero over the stopping time, as far as limits and the tasks of points and frames, which stay, allow. After the
+    /// last row the body may stop at once. A coordinate that begins beyond the end of its range goes no farther than it must.
     pub fn brake(&mut self, dt: f64, most: usize, pendulum: f64) -> Vec<f64> {
         self.pose_body();
         let began = self.velocity.clone();
         let mass =
             (0..self.body.nv).fold([0.0; 3], |v, dof| add_scaled(v, self.body.com_column(&self.pose, dof), began[dof]));
-        let ticks = stopping_time(&began, &self.limits).max(mass_stopping_time(mass, pendulum)) / dt;
+        // A fast centre of mass stops in `pendulum` s, sqrt(height / g), with its zero-moment point at its capture point.
+        let ticks = stopping_time(&began, &self.limits).max(pendulum.min(norm(mass) / MASS_BRAKING)) / dt;
         if ticks <= 1.0 {
             return vec![];
         }
@@ -165,7 +165,7 @@ impl FrameSolver {
         self.q_address[dof].map_or(0.0, |a| self.q[a])
     }
 
-    /// Postures of the last level, as one diagonal metric: weights and the displacement they attract to.
+    /// The postures of the last level as one diagonal metric: weights, and the displacement to which they attract.
     fn metric(&mut self, targets: &[f64]) {
         self.weight2.fill(0.0);
         self.reference.fill(0.0);
@@ -183,7 +183,7 @@ impl FrameSolver {
             }
         }
         let mut largest: f64 = 0.0;
-        // The typical weight is the geometric mean, so that a few stiff joints do not set it.
+        // The geometric mean is a typical weight that a few stiff joints do not set.
         let (mut sum, mut count) = (0.0, 0.0);
         for &(dof, _) in &self.columns.all {
             largest = largest.max(self.weight2[dof]);
@@ -218,19 +218,19 @@ impl FrameSolver {
             let mut writer =
                 RowWriter { body: &self.body, pose: &self.pose, columns: &self.columns, problem: &mut self.problem };
             let share = writer.write(&p.task, target, p.first_row, strength);
-            let asked2: f64 = rows
+            let requested2: f64 = rows
                 .clone()
                 .filter(|r| self.problem.is_equality(*r))
                 .fold(0.0, |sum, r| sum + self.problem.lower[r] * self.problem.lower[r]);
-            self.problem.error2[p.level] += asked2 / (share * share);
+            self.problem.error2[p.level] += requested2 / (share * share);
             if matches!(p.task.kind, TaskKind::Posture) {
                 self.body.difference(&self.q, &target[1..], &mut self.posture_error);
                 let mut r = p.first_row;
                 for &(dof, _) in &self.columns.all {
                     if p.task.weight[dof] > 0.0 {
                         let cap = p.task.max_error;
-                        let asked = (p.task.gain * self.posture_error[dof]).max(-cap).min(cap);
-                        self.problem.lower[r] = asked * p.task.weight[dof] * strength;
+                        let requested = (p.task.gain * self.posture_error[dof]).max(-cap).min(cap);
+                        self.problem.lower[r] = requested * p.task.weight[dof] * strength;
                         self.problem.upper[r] = self.problem.lower[r];
                         r += 1;
                     }
@@ -255,7 +255,7 @@ impl FrameSolver {
         }
     }
 
-    /// From the answer of the hierarchy to the step of every coordinate.
+    /// Convert the solution z of the hierarchy to the step of every coordinate.
     fn read_step(&mut self) {
         self.step.fill(0.0);
         for &(dof, c) in &self.columns.all {
@@ -267,36 +267,35 @@ impl FrameSolver {
 
     /// Solve the iteration's problem with the rows of the observers.
     fn solve_observed(&mut self) {
-        let Some(watch) = &mut self.watch else {
+        let Some(monitor) = &mut self.monitor else {
             self.solve_once();
             return;
         };
         let (body, pose, reference, scale) = (&self.body, &self.pose, &self.reference, &self.scale);
-        let is_trial = watch.write_rows(&mut self.problem, &Iteration { body, pose, reference, scale });
-        let acts = watch.activation;
+        let is_trial = monitor.write_rows(&mut self.problem, &Iteration { body, pose, reference, scale });
+        let acts = monitor.activation;
         self.solve_once();
         if acts == Activation::All {
-            self.solve_surprises();
-        } else if is_trial && self.watch.as_mut().is_some_and(|watch| watch.choose(&mut self.problem)) {
+            self.solve_newly_active();
+        } else if is_trial && self.monitor.as_mut().is_some_and(|monitor| monitor.choose(&mut self.problem)) {
             self.solve_once();
         }
-        if let Some(watch) = &mut self.watch {
-            watch.keep_held(&self.problem);
+        if let Some(monitor) = &mut self.monitor {
+            monitor.keep_held(&self.problem);
         }
     }
 
-    /// Solve again with the rows of pairs that the answer would bring too near although they had no row.
-    fn solve_surprises(&mut self) {
-        for _ in 0..MOST_SURPRISES {
+    /// Solve again with the rows of newly active pairs, which had no row and which the solution would bring too near.
+    fn solve_newly_active(&mut self) {
+        for _ in 0..MOST_EXTRA_SOLVES {
             self.read_step();
-            let Some(watch) = &mut self.watch else { return };
-            let before = watch.wake_surprised(&self.step);
-            if watch.near.len() == before {
+            let Some(monitor) = &mut self.monitor else { return };
+            let before = monitor.wake_newly_active(&self.step);
+            if monitor.near.len() == before {
                 return;
             }
-            let Some(watch) = &mut self.watch else { return };
             let (body, pose, reference, scale) = (&self.body, &self.pose, &self.reference, &self.scale);
-            watch.write_rows_from(before, &mut self.problem, &Iteration { body, pose, reference, scale });
+            monitor.write_rows_from(before, &mut self.problem, &Iteration { body, pose, reference, scale });
             self.solve_once();
         }
     }
@@ -309,7 +308,7 @@ impl FrameSolver {
     }
 }
 
-/// From dq to z = (dq - reference) / scale.
+/// Change the variables of rows from dq to z = (dq - reference) / scale.
 fn change_variables(problem: &mut Problem, rows: Range<usize>, columns: &Columns, reference: &[f64], scale: &[f64]) {
     for r in rows {
         if !problem.present[r] {

@@ -1,12 +1,12 @@
-//! What a solver of frames holds from frame to frame: body, tasks, limits, the linear problem, and the posture that was reached.
+//! The state of a solver from frame to frame: body, tasks, limits, the linear problem, and the posture that was reached.
 //! `converge` runs a frame of it, or a stop.
 
 use crate::body::Body;
 use crate::braking::{FrameBox, Limit};
 use crate::hierarchy::{Problem, Stages};
 use crate::kinematics::Pose;
-use crate::level_rows::{reserve_rows, watch, Layout, Placed};
-use crate::observers::{Activation, ObserverSet, Watch};
+use crate::level_rows::{monitor, reserve_rows, Layout, Placed};
+use crate::observers::{Activation, ObserverSet, PairMonitor};
 use crate::task::Task;
 use crate::task_rows::Columns;
 use std::ops::Range;
@@ -23,12 +23,13 @@ pub struct Settings {
     pub early_stop: bool,
 }
 
-/// What happened, summed since the last reset.
+/// Counters since the solver was made.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Stats {
     pub iterations: u64,
-    /// Limits that were taken up or dropped.
+    /// Limits that entered or left the active set.
     pub steps: u64,
+    /// Solves that were ended early.
     pub capped: u64,
 }
 
@@ -43,11 +44,10 @@ pub struct FrameSolver {
     pub velocity: Vec<f64>,
     /// Per task (in order of levels): error norm at the posture that was reached.
     pub task_errors: Vec<f64>,
-    /// Where the body would come to rest from the posture at hand, and in how many seconds, as planned for the next frame alone.
+    /// Postures (k, nq) in which a planned stop would end, and its time, s. It holds for the next frame alone.
     pub stop: Option<(Vec<f64>, f64)>,
     pub(crate) placed: Vec<Placed>,
-    /// Observers, where there are any.
-    pub watch: Option<Watch>,
+    pub monitor: Option<PairMonitor>,
     pub(crate) columns: Columns,
     /// Place in q of a hinge or slide coordinate.
     pub(crate) q_address: Vec<Option<usize>>,
@@ -83,7 +83,7 @@ impl FrameSolver {
             reserve_rows(&mut levels, set);
         }
         let mut layout = Layout::new(&body, levels, locked, columns.all.len());
-        let watch = observers.map(|(set, activation)| watch(&body, &columns, &mut layout.placed, set, activation));
+        let monitor = observers.map(|(set, activation)| monitor(&body, &columns, &mut layout.placed, set, activation));
         let mut problem = Problem::new(layout.variables.max(1), &layout.level_rows);
         problem.damping = settings.damping * body.size();
         problem.soft_last = layout.soft_last;
@@ -100,7 +100,7 @@ impl FrameSolver {
             task_errors: vec![f64::NAN; layout.placed.len()],
             stop: None,
             placed: layout.placed,
-            watch,
+            monitor,
             columns,
             q_address,
             problem,
@@ -122,7 +122,7 @@ impl FrameSolver {
         }
     }
 
-    /// Where each task's slice of the target vector is, with its level.
+    /// Level of each task, and its slice of the target vector.
     pub fn slices(&self) -> impl Iterator<Item = (usize, Range<usize>)> + '_ {
         self.placed.iter().map(|p| (p.level, p.target.clone()))
     }
@@ -130,16 +130,16 @@ impl FrameSolver {
     /// Start from posture `q`, moving at `velocity`.
     pub fn reset(&mut self, q: &[f64], velocity: &[f64]) {
         self.go_on_from(q, velocity);
-        if let Some(watch) = &mut self.watch {
-            watch.reset();
+        if let Some(monitor) = &mut self.monitor {
+            monitor.reset();
         }
     }
 
-    /// The body got to posture `q`, near to the one that was reached, and moves at `velocity`: what is known of pairs is kept.
+    /// Go on from posture `q`, near to the one that was reached, at `velocity`. The bounds of pair distances are kept.
     pub fn correct(&mut self, q: &[f64], velocity: &[f64]) {
         self.body.difference(&self.q, q, &mut self.step);
-        if let Some(watch) = &mut self.watch {
-            watch.moved(&self.step);
+        if let Some(monitor) = &mut self.monitor {
+            monitor.moved(&self.step);
         }
         self.go_on_from(q, velocity);
     }
@@ -148,7 +148,7 @@ impl FrameSolver {
         self.q.copy_from_slice(q);
         self.posed = false;
         for &(dof, _) in &self.columns.all {
-            self.velocity[dof] = velocity[dof]; // what is locked stays at rest
+            self.velocity[dof] = velocity[dof]; // locked coordinates stay at rest
         }
     }
 }

@@ -3,7 +3,7 @@
 use crate::body::{Body, JointKind};
 use crate::math::*;
 
-/// Where everything is for one `q`.
+/// Positions (m) and orientations of all links and joint axes in one posture, world frame.
 #[derive(Clone, Debug, Default)]
 pub struct Pose {
     pub position: Vec<Vec3>,

@@ -1,13 +1,13 @@
-//! Which rows of the problem each level has: slices of the target vector, rows and slack variables of its tasks, and rows of its observers.
+//! Layout of the linear problem: slices of the target vector, rows and slack variables of all tasks, and rows of observers.
 
 use crate::body::Body;
-use crate::observers::{Activation, ObserverSet, ObserverTask, Watch};
+use crate::observers::{Activation, ObserverSet, ObserverTask, PairMonitor};
 use crate::task::{Task, TaskKind};
 use crate::task_rows::Columns;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Most pairs of one task that may have rows: where more are within influence, those get them that have the least room, now or at rest.
+/// Most pairs of one task that have rows. If more are within influence, those with the least room, now or at rest, get them.
 const MOST_PAIRS: usize = 128;
 
 /// A task's place in the target vector and among the rows.
@@ -68,7 +68,7 @@ impl Layout {
     }
 }
 
-/// Give every task of observers room for the pairs that it looks at.
+/// Reserve rows in every task of observers for the pairs that it looks at.
 pub fn reserve_rows(levels: &mut [Vec<Task>], set: &ObserverSet) {
     for task in levels.iter_mut().flatten() {
         if let TaskKind::Observers(task) = &mut task.kind {
@@ -77,14 +77,14 @@ pub fn reserve_rows(levels: &mut [Vec<Task>], set: &ObserverSet) {
     }
 }
 
-/// The observers at work, with the rows that the layout gave their tasks.
-pub fn watch(
+/// The monitor of all pairs, with the rows that the layout gave the tasks of observers.
+pub fn monitor(
     body: &Body,
     columns: &Columns,
     placed: &mut [Placed],
     set: Arc<ObserverSet>,
     activation: Activation,
-) -> Watch {
+) -> PairMonitor {
     let mut tasks = vec![];
     for p in placed {
         if let TaskKind::Observers(task) = &mut p.task.kind {
@@ -92,5 +92,5 @@ pub fn watch(
             tasks.push(ObserverTask { used: Vec::with_capacity(task.pairs), ..task.clone() });
         }
     }
-    Watch::new(set, tasks, activation, &columns.of, body)
+    PairMonitor::new(set, tasks, activation, &columns.of, body)
 }

@@ -54,7 +54,7 @@ pub fn unit_or(a: Vec3, fallback: Vec3) -> Vec3 {
     }
 }
 
-/// The part of `a` that is across the unit vector `axis`; exact to the last digits when it is small, too.
+/// The part of `a` that is across the unit vector `axis`. A small part is exact to the last digits, too.
 #[inline(always)]
 pub fn across(a: Vec3, axis: Vec3) -> Vec3 {
     cross(cross(axis, a), axis)

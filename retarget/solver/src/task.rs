@@ -1,4 +1,4 @@
-//! Tasks: what is asked of the body, as an error and Jacobian rows.
+//! Tasks of a body, and their errors.
 
 use crate::body::Body;
 use crate::kinematics::Pose;
@@ -7,7 +7,7 @@ use crate::observers::{ObserverTask, ROWS};
 
 #[derive(Clone, Debug)]
 pub enum TaskKind {
-    /// A point of a link goes to a world position, or gets to be so far from a point of another link, in world directions.
+    /// A point of a link goes to a world position, or to an offset (world axes) from a point of another link.
     Position { link: usize, point: Vec3, from: Option<(usize, Vec3)> },
     /// A frame of a link takes a world orientation.
     Orientation { link: usize, quat: Quat },
@@ -15,8 +15,8 @@ pub enum TaskKind {
     Axis { link: usize, axis: Vec3, eye: Option<Vec3> },
     /// The centre of mass goes to a world position, or keeps an offset from a link's origin.
     CentreOfMass { over: Option<usize> },
-    /// The centre of mass, or it and a point of a link, stays inside at most `max_edges` half-spaces: those over a support polygon,
-    /// and what motion asks for; what a joint carries. `without`: coordinates that are not asked to move it, in order.
+    /// The centre of mass, or it and a point of a link, stays inside at most `max_edges` half-spaces, as those over a support polygon
+    /// or those of the load of a joint. `without`: coordinates that do not take part, ascending.
     Support { point: Option<(usize, Vec3)>, max_edges: usize, without: Vec<usize> },
     /// Every coordinate goes to that of a posture.
     Posture,
@@ -31,7 +31,7 @@ pub struct Task {
     pub weight: Vec<f64>,
     /// Share of the error corrected per iteration.
     pub gain: f64,
-    /// Largest error norm asked per iteration (m or rad; per coordinate for a posture).
+    /// Largest error norm that an iteration corrects (m or rad; per coordinate for a posture).
     pub max_error: f64,
 }
 
@@ -56,7 +56,7 @@ impl Task {
         }
     }
 
-    /// Whether this frame has the task: a positive leading weight and a finite target.
+    /// True if this frame has the task: a positive leading weight and a finite target.
     pub fn is_present(&self, target: &[f64]) -> bool {
         target[0] > 0.0 && target.iter().all(|v| v.is_finite())
     }
@@ -79,7 +79,7 @@ pub fn tangents(a: Vec3) -> (Vec3, Vec3) {
 }
 
 impl Task {
-    /// Unweighted error of a three-row task (m or rad, world frame). Limits and posture have none.
+    /// Unweighted error of a three-row task (m or rad, world frame); zero for limits and postures.
     pub fn error(&self, body: &Body, pose: &Pose, target: &[f64]) -> Vec3 {
         let goal = [target[1], target[2], target[3]];
         match &self.kind {
@@ -89,16 +89,16 @@ impl Task {
             }
             TaskKind::Orientation { link, quat } => {
                 let now = quat_mul(pose.quat[*link], *quat);
-                let wanted = quat_unit([target[1], target[2], target[3], target[4]]);
-                quat_log(quat_mul(wanted, quat_conj(now)))
+                let desired = quat_unit([target[1], target[2], target[3], target[4]]);
+                quat_log(quat_mul(desired, quat_conj(now)))
             }
             TaskKind::Axis { link, axis, eye } => {
                 let now = mat_vec(&pose.rotation[*link], *axis);
-                let wanted = match eye {
+                let desired = match eye {
                     Some(eye) => unit_or(sub(goal, body.point(pose, *link, *eye)), now),
                     None => unit_or(goal, [1.0, 0.0, 0.0]),
                 };
-                turn_error(now, wanted)
+                turn_error(now, desired)
             }
             TaskKind::CentreOfMass { over } => {
                 let from = over.map_or([0.0; 3], |link| pose.position[link]);
@@ -108,7 +108,7 @@ impl Task {
         }
     }
 
-    /// For reports, the error norm: distance for points, angle for directions, depth outside for support.
+    /// Error norm for reports: distance for points, angle for directions, depth outside for support.
     pub fn error_size(&self, body: &Body, pose: &Pose, target: &[f64]) -> f64 {
         match &self.kind {
             TaskKind::Support { point, max_edges, .. } => {
@@ -127,12 +127,12 @@ impl Task {
     }
 }
 
-/// Entries of one half-space in a target: nx, ny, nz, d, and mx, my, mz before d where there is a point.
+/// Number of entries of one half-space in a target: nx, ny, nz, d, and mx, my, mz before d if it has a point.
 fn half_space_size(with_point: bool) -> usize {
     4 + 3 * usize::from(with_point)
 }
 
-/// Half-spaces n . c + m . p <= d of a support target that are in use: (n, m, d), m zero where there is no point.
+/// The half-spaces n . c + m . p <= d of a support target that are in use, as (n, m, d); m is zero without a point.
 pub fn half_spaces(target: &[f64], with_point: bool, max_edges: usize) -> impl Iterator<Item = (Vec3, Vec3, f64)> + '_ {
     let size = half_space_size(with_point);
     let used = move |e: &&[f64]| e[..size - 1].iter().any(|n| *n != 0.0);

@@ -10,7 +10,7 @@ use crate::task::{half_spaces, tangents, Task, TaskKind};
 pub struct Columns {
     pub chain: Vec<Vec<(usize, usize)>>,
     pub all: Vec<(usize, usize)>,
-    /// Of each coordinate, if it takes part.
+    /// Column of each coordinate; None for a locked one.
     pub of: Vec<Option<usize>>,
 }
 
@@ -39,9 +39,9 @@ pub struct RowWriter<'a> {
 }
 
 impl RowWriter<'_> {
-    /// Rows and targets of `task`; `strength` multiplies rows and targets alike. Returns the share of its error that is asked for.
+    /// Write rows and targets of `task`, both times `strength`. Returns the share of the error that the rows correct.
     pub fn write(&mut self, task: &Task, target: &[f64], first: usize, strength: f64) -> f64 {
-        let (error, share) = self.asked(task, target);
+        let (error, share) = self.capped_error(task, target);
         let (body, pose, columns) = (self.body, self.pose, self.columns);
         match &task.kind {
             TaskKind::Position { link, point, from } => {
@@ -85,7 +85,7 @@ impl RowWriter<'_> {
                 let line = sub([target[1], target[2], target[3]], eye);
                 let distance = norm(line).max(1e-3);
                 let d = unit_or(line, now);
-                // The eye's own motion turns the wanted direction the other way.
+                // The motion of the eye turns the desired direction in the opposite sense.
                 self.direction_rows(task, *link, now, error, first, strength, |dof| {
                     scale(cross(d, body.point_column(pose, dof, eye)), 1.0 / distance)
                 });
@@ -94,15 +94,15 @@ impl RowWriter<'_> {
                 self.support_rows(task, target, *point, (*max_edges, without), first);
             }
             TaskKind::Posture => self.posture_rows(task, first, strength),
-            TaskKind::Observers(_) => {} // they write their own
+            TaskKind::Observers(_) => {} // `observers::rows` writes theirs
         }
         share
     }
 
-    /// Error times gain, capped; and what share of it that is.
-    fn asked(&self, task: &Task, target: &[f64]) -> (Vec3, f64) {
+    /// Error times gain, capped, and the share of the error that it is.
+    fn capped_error(&self, task: &Task, target: &[f64]) -> (Vec3, f64) {
         let e = task.error(self.body, self.pose, target);
-        // Rows that are not there do not count.
+        // A row of weight 0 does not exist, and does not count.
         let counts = |k: usize| task.weight.get(k).is_none_or(|w| *w > 0.0);
         let used: Vec3 = std::array::from_fn(|k| if counts(k) { e[k] } else { 0.0 });
         let size = norm(used) * task.gain;
@@ -165,7 +165,7 @@ impl RowWriter<'_> {
         }
     }
 
-    /// n . (c + J dq) + m . (p + Jp dq) <= d for every half-space; of coordinates that are not asked to move c the columns are 0.
+    /// Rows n . (c + J dq) + m . (p + Jp dq) <= d of all half-spaces. The columns of coordinates in `without` are 0.
     fn support_rows(
         &mut self,
         task: &Task,
@@ -191,7 +191,7 @@ impl RowWriter<'_> {
         }
     }
 
-    /// One row per weighted coordinate; the caller sets the targets, from the posture error.
+    /// One row per weighted coordinate. The caller sets the targets from the posture error.
     fn posture_rows(&mut self, task: &Task, first: usize, strength: f64) {
         let mut r = first;
         let columns = self.columns;

@@ -1,5 +1,5 @@
-//! Online trajectory generation for slow moves in joint space: limits of velocity, acceleration and jerk, joints that arrive
-//! together, a target and a speed override that may change in every tick.
+//! Online trajectory generation for slow moves in joint space, with limits of velocity, acceleration and jerk. Joints arrive
+//! together, and target and speed override may change in every tick.
 //!
 //! A reference point goes straight towards the target, all joints in proportion, the slowest at its limit of velocity. The
 //! position is that point averaged over the last `n1` ticks, and this average averaged over `n2` (a cascade of moving
@@ -15,9 +15,9 @@
 
 /// The longest average, in ticks: memory and work per tick grow with it.
 const LONGEST: f64 = 10_000.0;
-/// The farthest away in rad that a target counts; keeps its distance finite.
+/// A target counts as at most this far away, rad, so that its distance stays finite.
 const FAR: f64 = 1e300;
-/// A share of a limit, and of a tick, that is rounding.
+/// Rounding, as a share of a limit and of a tick.
 const ROUNDING: f64 = 1e-9;
 
 /// Limits of one joint: rad/s, rad/s^2, rad/s^3.
@@ -36,7 +36,7 @@ pub struct TrajectoryGenerator {
     /// Ticks of both averages.
     n1: usize,
     n2: usize,
-    /// How much a displacement of the reference may differ from that of n1 ticks ago: the limit of acceleration, (n,).
+    /// Most that a displacement of the reference may differ from that of n1 ticks ago, by the limit of acceleration, (n,).
     room: Vec<f64>,
     /// The point that goes straight towards the target, (n,).
     reference: Vec<f64>,
@@ -84,7 +84,7 @@ impl TrajectoryGenerator {
         self.limits.len()
     }
 
-    /// Go on from a state. Its acceleration fades out within `n2` ticks, unless the target asks for more of it.
+    /// Go on from a state. Its acceleration fades out within `n2` ticks, unless the target needs it longer.
     pub fn reset(&mut self, position: &[f64], velocity: &[f64], acceleration: &[f64]) {
         let n = self.joints();
         self.target.copy_from_slice(position);
@@ -92,13 +92,13 @@ impl TrajectoryGenerator {
         self.velocity.copy_from_slice(velocity);
         self.acceleration.copy_from_slice(acceleration);
         for i in 0..n {
-            // The past that has this velocity and this acceleration: the first average's own velocity rose steadily, and
-            // the reference has the velocity that this has reached.
+            // A past with this velocity and acceleration: the velocity of the first average rose steadily, and the reference
+            // has the velocity that this average has reached.
             let change = acceleration[i] * self.dt * self.dt;
             let newest = velocity[i] * self.dt + change * (self.n2 - 1) as f64 / 2.0;
             (0..self.n1).for_each(|row| self.moved[row * n + i] = newest);
             (0..self.n2).for_each(|row| self.averaged[row * n + i] = newest - change * row as f64);
-            self.reference[i] = position[i] + self.lead(i);
+            self.reference[i] = position[i] + self.reference_offset(i);
         }
     }
 
@@ -113,12 +113,12 @@ impl TrajectoryGenerator {
             let velocity = mean(&self.averaged[i..], n, self.n2) / self.dt;
             self.acceleration[i] = (velocity - self.velocity[i]) / self.dt;
             self.velocity[i] = velocity;
-            self.position[i] = self.reference[i] - self.lead(i);
+            self.position[i] = self.reference[i] - self.reference_offset(i);
         }
     }
 
-    /// How far the reference is ahead of the position of joint i: what the averages have yet to let through.
-    fn lead(&self, i: usize) -> f64 {
+    /// Distance of the reference ahead of the position of joint i, which the averages still have to pass on.
+    fn reference_offset(&self, i: usize) -> f64 {
         let n = self.joints();
         let ahead = |window: &[f64], length: usize| -> f64 {
             (0..length).map(|row| window[row * n + i] * ((length - 1 - row) as f64 / length as f64)).sum()
@@ -129,42 +129,42 @@ impl TrajectoryGenerator {
     /// One tick of the reference.
     fn move_reference(&mut self, speed_override: f64) {
         let (n, dt) = (self.joints(), self.dt);
-        // Ticks at full speed that the joint with the longest way needs.
-        let ticks = (0..n).map(|i| self.way(i).abs() / (self.limits[i].velocity * dt)).fold(0.0, f64::max);
+        // Ticks that the slowest joint needs at full speed.
+        let ticks = (0..n).map(|i| self.remaining(i).abs() / (self.limits[i].velocity * dt)).fold(0.0, f64::max);
         let share = if ticks <= speed_override { 1.0 } else { speed_override / ticks };
         // The row of the oldest displacements becomes that of the newest.
         self.moved.rotate_right(n);
-        // To stand still is always within the room about an old displacement, so all joints together can go slower until
-        // each is within its own; but for joints that started too fast, which brake by themselves.
+        // Zero is always within the room about an old displacement, so all joints together can go slower until each is
+        // within its own. Joints that started too fast brake by themselves.
         let mut slower = 1.0_f64;
         for i in 0..n {
-            let (asked, old, room) = (share * self.way(i), self.moved[i], self.room[i]);
-            let most = room + old * asked.signum();
-            if old.abs() <= room && asked.abs() > most {
-                slower = slower.min(most / asked.abs());
+            let (requested, old, room) = (share * self.remaining(i), self.moved[i], self.room[i]);
+            let most = room + old * requested.signum();
+            if old.abs() <= room && requested.abs() > most {
+                slower = slower.min(most / requested.abs());
             }
         }
         for i in 0..n {
-            let (asked, old, room) = (slower * share * self.way(i), self.moved[i], self.room[i]);
-            let moved = if old.abs() <= room { asked } else { asked.clamp(old - room, old + room) };
+            let (requested, old, room) = (slower * share * self.remaining(i), self.moved[i], self.room[i]);
+            let moved = if old.abs() <= room { requested } else { requested.clamp(old - room, old + room) };
             self.moved[i] = moved;
-            let arrived = slower * share == 1.0 && moved == asked;
+            let arrived = slower * share == 1.0 && moved == requested;
             self.reference[i] = if arrived { self.target[i] } else { self.reference[i] + moved };
         }
     }
 
-    /// From the reference of joint i to the target.
-    fn way(&self, i: usize) -> f64 {
+    /// Distance from the reference of joint i to the target.
+    fn remaining(&self, i: usize) -> f64 {
         (self.target[i] - self.reference[i]).clamp(-FAR, FAR)
     }
 
-    /// Whether everything stands exactly at the target.
+    /// True if all joints stand exactly at the target.
     pub fn at_rest(&self) -> bool {
         self.reference == self.target && self.moved.iter().chain(&self.averaged).all(|moved| *moved == 0.0)
     }
 }
 
-/// Mean of every n-th of `window`, `length` of them.
+/// Mean of `length` entries of `window`, every n-th.
 fn mean(window: &[f64], n: usize, length: usize) -> f64 {
     window.iter().step_by(n).take(length).sum::<f64>() / length as f64
 }

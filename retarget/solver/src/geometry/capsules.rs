@@ -28,14 +28,14 @@ impl Segment {
     }
 }
 
-/// Where two segments are nearest: signed length from the centre of a, distance, unit direction from b to a.
+/// Nearest points of two segments: signed length from the centre of a, distance, unit direction from b to a.
 pub struct Crossing {
     pub s: f64,
     pub distance: f64,
     pub normal: Vec3,
 }
 
-/// Where parallel segments are nearest: the middle of the range that they share, or the ends that face each other.
+/// Nearest points of parallel segments: the middle of the range that they share, or the ends that face each other.
 #[cold]
 #[inline(never)]
 fn parallel(a: &Segment, b: &Segment, from: Vec3) -> Crossing {
@@ -72,7 +72,7 @@ pub fn crossing(a: &Segment, b: &Segment) -> Crossing {
     if sine2 < PARALLEL {
         return parallel(a, b, from);
     }
-    // Through n, not through 1 - cos^2: exact to the last digits for small angles too.
+    // The sine from n is exact to the last digits for small angles too, unlike 1 - cos^2.
     let s = -dot(cross(from, b.axis), n) / sine2;
     let t = -dot(cross(from, a.axis), n) / sine2;
     let common = scale(n, 1.0 / sine2.sqrt());

@@ -1,5 +1,5 @@
-//! The nearest points, when the direction and the distance are known: the middle of the faces that meet. A face is the part of a solid
-//! that is extreme in one direction: a point, a segment, a rectangle or a disc.
+//! Nearest points for a known direction and distance: the middle of the faces that meet. A face is the part of a solid that is extreme
+//! in one direction: a point, a segment, a rectangle or a disc.
 
 use super::capsules::{crossing, Segment};
 use super::solid::{Nearest, Scratch, Shape, Solid};
@@ -56,7 +56,7 @@ enum Face {
 }
 
 impl Face {
-    /// What of `solid` is extreme in the unit world direction n; a side is parallel below the sine `parallel`.
+    /// The face of `solid` that is extreme in the unit world direction n; a side is parallel below the sine `parallel`.
     fn of(solid: &Solid, n: Vec3, parallel: f64) -> Self {
         match solid.shape {
             Shape::Capsule { half_length, radius } => {
@@ -146,8 +146,7 @@ fn corners(r: &Rectangle) -> impl Iterator<Item = Vec3> + '_ {
         .map(|[x, y]| add_scaled(add_scaled(r.centre, scale(r.axes[0], r.half[0]), x), scale(r.axes[1], r.half[1]), y))
 }
 
-/// Where `face` of one solid and `other` of the other meet, seen along their normal: a point of `face`, or None where `other` is the
-/// one to say.
+/// The point of `face` at which it meets `other`, seen along their normal. None if it has to be computed from `other`.
 fn meeting(face: &Face, other: &Face, scratch: &mut Scratch) -> Option<Vec3> {
     match (face, other) {
         (Face::Point(p), _) => Some(*p),
@@ -161,7 +160,7 @@ fn meeting(face: &Face, other: &Face, scratch: &mut Scratch) -> Option<Vec3> {
     }
 }
 
-/// Middle of the range [low, high] cut to [-half, half]; the end that is nearer where nothing is left.
+/// Middle of the range [low, high] cut to [-half, half]; the nearer end if nothing is left.
 fn middle_of(low: f64, high: f64, half: f64) -> f64 {
     let (low, high) = (low.max(-half), high.min(half));
     (0.5 * (low + high)).clamp(-half, half)
@@ -173,7 +172,7 @@ fn over_rectangle(s: &Segment, r: &Rectangle) -> f64 {
     for k in 0..2 {
         let step = dot(s.axis, r.axes[k]);
         let (first, last) = ((-r.half[k] - start[k]) / step, (r.half[k] - start[k]) / step);
-        // A segment along one side is never cut by it; NaN is ignored by min and max.
+        // A side that is parallel to the segment does not cut it; min and max ignore NaN.
         if step != 0.0 {
             low = low.max(first.min(last));
             high = high.min(first.max(last));
@@ -214,12 +213,12 @@ fn clipped(subject: impl Iterator<Item = Vec3>, centre: Vec3, r: &Rectangle, scr
     add_scaled(add_scaled(centre, r.axes[0], middle[0] - at[0]), r.axes[1], middle[1] - at[1])
 }
 
-/// Sines below which sides count as parallel, tried in turn: where sides are nearly so, an end of one may lie off the other.
+/// Sines below which sides count as parallel, tried in turn: on nearly parallel sides an end of one may miss the other.
 const PARALLEL: [f64; 4] = [1e-9, 1e-7, 1e-5, 1e-3];
-/// By how much (m) nearest points may miss the faces.
+/// Nearest points may miss the faces by this, m.
 pub const MISS: f64 = 1e-10;
 
-/// Nearest points on the faces that are extreme along the `normal`, and by how much (m) they miss the faces.
+/// Nearest points on the faces that are extreme along the `normal`, and the distance (m) by which they miss the faces.
 fn on_faces(
     a: &Solid,
     b: &Solid,
@@ -238,7 +237,7 @@ fn on_faces(
     (Nearest { distance, a: opposite, b: point, normal }, norm(sub(opposite, face_a.nearest_to(opposite))))
 }
 
-/// Nearest points for a known unit `normal` (b to a) and `distance`, and by how much (m) they miss the solids.
+/// Nearest points for a known unit `normal` (b to a) and `distance`, and the distance (m) by which they miss the solids.
 pub fn meet(a: &Solid, b: &Solid, normal: Vec3, distance: f64, scratch: &mut Scratch) -> (Nearest, f64) {
     let mut best = on_faces(a, b, (normal, distance), PARALLEL[0], scratch);
     for &parallel in &PARALLEL[1..] {
@@ -253,8 +252,8 @@ pub fn meet(a: &Solid, b: &Solid, normal: Vec3, distance: f64, scratch: &mut Scr
     best
 }
 
-/// A core whose nearest point to a solid is `point`, `out` (not zero) away from its surface, both in the solid's frame, with `radius`
-/// about the core.
+/// Nearest points of a core with `radius` and a solid. `point` of the core is nearest, `out` (not zero) away from the surface, both in the
+/// solid's frame.
 pub fn apart(solid: &Solid, point: Vec3, out: Vec3, radius: f64) -> Nearest {
     let core_distance = norm(out);
     let normal = mat_vec(&solid.rotation, scale(out, 1.0 / core_distance));

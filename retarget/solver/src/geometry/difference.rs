@@ -1,4 +1,4 @@
-//! The difference A - B of two cores, as a sum of segments and discs: every shape here is such a sum about its centre.
+//! The difference A - B of two cores as a sum of segments and discs, as every shape here is such a sum about its centre.
 
 use super::solid::{Shape, Solid};
 use crate::math::{across, add_scaled, column, cross, dot, mat_t_vec, norm, scale, sub, Mat3, Vec3, IDENTITY};
@@ -17,7 +17,7 @@ pub struct Disc {
     pub radius: f64,
 }
 
-/// All points of A minus all of B, in the frame of one of them: exact zeros where its own axes are crossed.
+/// All points of A minus all of B, in the frame of one of them, whose own axes are then exact.
 #[derive(Clone, Copy, Default)]
 pub struct Difference {
     /// A's centre from B's.
@@ -26,7 +26,7 @@ pub struct Difference {
     edge_count: usize,
     discs: [Disc; 2],
     disc_count: usize,
-    /// How many of the edges and discs are A's; they come first.
+    /// Number of the edges and discs of A, which come first.
     edges_of_a: usize,
     discs_of_a: usize,
 }
@@ -39,7 +39,7 @@ pub struct Vertex {
 }
 
 impl Difference {
-    /// In the frame `frame`; radii of capsules are left out.
+    /// The difference in the axes of `frame`, without the radii of capsules.
     pub fn new(a: &Solid, b: &Solid, frame: &Mat3) -> Self {
         let mut m = Self { centre: mat_t_vec(frame, sub(a.position, b.position)), ..Self::default() };
         m.put(a, frame);
@@ -81,7 +81,7 @@ impl Difference {
         &self.discs[..self.disc_count]
     }
 
-    /// Gap along the unit direction n: what the signed distance is the largest of.
+    /// Gap along the unit direction n. The signed distance is the largest gap.
     #[inline]
     pub fn gap(&self, n: Vec3) -> f64 {
         let mut gap = dot(self.centre, n);
@@ -113,7 +113,7 @@ impl Difference {
     }
 }
 
-/// A candidate wins by more than this (m): of equals the first is kept, so that the choice does not flicker.
+/// A candidate wins by more than this (m). Among equals the first is kept, so that the choice does not flicker.
 pub const BETTER: f64 = 1e-13;
 
 /// The best direction so far.

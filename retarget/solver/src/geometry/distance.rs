@@ -1,25 +1,25 @@
-//! Signed distance of any two solids: which method finds it, and a cheap lower bound, to look closer only at pairs that may be near.
+//! Signed distance of any two solids, by the method for their shapes, and a cheap lower bound to skip distant pairs.
 
-use super::bulky::bulky;
-use super::capsule_and::capsule_and;
+use super::box_cylinder::box_cylinder;
+use super::capsule_solid::capsule_solid;
 use super::capsules::capsules;
 use super::half_space::{extreme, over_half_space};
 use super::solid::{Nearest, Scratch, Shape, Solid};
 use crate::math::{dot, mat_t_vec, norm, scale, sub, Vec3};
 
-/// Nearest points of two solids; of two half-spaces, those of the origin of `a` and of `b`.
+/// Nearest points of two solids. Two half-spaces have none: `a` counts as its origin.
 pub fn nearest(a: &Solid, b: &Solid, scratch: &mut Scratch) -> Nearest {
     match (a.shape, b.shape) {
         (Shape::Capsule { .. }, Shape::Capsule { .. }) => capsules(a, b),
         (_, Shape::HalfSpace) => over_half_space(a, b),
         (Shape::HalfSpace, _) => over_half_space(b, a).swapped(),
-        (Shape::Capsule { .. }, _) => capsule_and(a, b, scratch),
-        (_, Shape::Capsule { .. }) => capsule_and(b, a, scratch).swapped(),
-        _ => bulky(a, b, scratch),
+        (Shape::Capsule { .. }, _) => capsule_solid(a, b, scratch),
+        (_, Shape::Capsule { .. }) => capsule_solid(b, a, scratch).swapped(),
+        _ => box_cylinder(a, b, scratch),
     }
 }
 
-/// Signed distance of a point to the outside of a flat-sided profile: `excess` is how far it is over each side.
+/// Signed distance of a point from a flat-sided profile; `excess` is its signed distance from each side.
 fn outside(excess: Vec3) -> f64 {
     let out = norm([excess[0].max(0.0), excess[1].max(0.0), excess[2].max(0.0)]);
     out + excess[0].max(excess[1]).max(excess[2]).min(0.0)
@@ -48,8 +48,7 @@ pub fn point_gap(solid: &Solid, p: Vec3) -> f64 {
     }
 }
 
-/// A distance that `nearest` will not fall below: the ball about one solid against the other, the better of both ways. Exact for
-/// half-spaces and balls.
+/// Lower bound of the distance: the ball about one solid against the other, the better of both. Exact for half-spaces and balls.
 pub fn gap_at_least(a: &Solid, b: &Solid) -> f64 {
     match (a.shape, b.shape) {
         (_, Shape::HalfSpace) => point_gap(b, a.position) - extreme(a, scale(b.axis(), -1.0)).0,

@@ -1,4 +1,4 @@
-//! The point of a difference that is nearest to the origin (Gilbert, Johnson, Keerthi, 1988), where the origin is outside.
+//! The point of a difference that is nearest to an origin outside of it (Gilbert, Johnson, Keerthi, 1988).
 
 use super::difference::{Difference, Vertex};
 use crate::math::{add_scaled, cross, dot, norm, scale, sub, Vec3};
@@ -26,11 +26,6 @@ impl Simplex {
         self.count += 1;
     }
 
-    /// The point of the first solid behind the nearest point.
-    fn point_of_a(&self) -> Vec3 {
-        (0..self.count).fold([0.0; 3], |sum, k| add_scaled(sum, self.corners[k].a, self.shares[k]))
-    }
-
     /// Reduced to the part that carries the nearest point; None when the origin is within.
     fn nearest(&self) -> Option<Self> {
         let c = &self.corners;
@@ -55,7 +50,7 @@ fn on_segment(a: Vertex, b: Vertex) -> Simplex {
     let edge = sub(b.w, a.w);
     let length2 = dot(edge, edge);
     let t = -dot(a.w, edge) / length2;
-    // Not a number where both ends are one.
+    // t is NaN if both ends are equal.
     if !(t > 0.0) {
         return Simplex::of(&[a], &[1.0], a.w);
     }
@@ -91,7 +86,7 @@ fn on_tetrahedron(c: &[Vertex; 4]) -> Option<Simplex> {
     best
 }
 
-/// Above it, rounding alone keeps the iteration going; a polytope takes about five.
+/// Most iterations: a polytope takes about five, and beyond this only rounding keeps it going.
 const ITERATIONS: usize = 100;
 
 /// The nearest point of a difference, and the offset from A's centre of A's point behind it.
@@ -100,7 +95,7 @@ pub struct Apart {
     pub of_a: Vec3,
 }
 
-/// To `tolerance`, a share of the distance; None where the cores meet.
+/// The nearest point to `tolerance`, a share of the distance; None if the cores meet.
 pub fn nearest_apart(m: &Difference, start: Vec3, tolerance: f64) -> Option<Apart> {
     let mut simplex = Simplex::default();
     simplex.push(m.lowest(start));
@@ -113,18 +108,19 @@ pub fn nearest_apart(m: &Difference, start: Vec3, tolerance: f64) -> Option<Apar
         }
         let next = m.lowest(v);
         let known = simplex.corners[..simplex.count].iter().any(|corner| norm(sub(corner.w, next.w)) == 0.0);
-        // v . w is a lower bound of |v|^2 at the optimum: the gap between both says how near the answer is.
+        // v . w is a lower bound of |v|^2 at the optimum, so their difference bounds the error.
         if known || squared - dot(v, next.w) <= tolerance * squared {
             break;
         }
         let mut larger = simplex;
         larger.push(next);
-        // The distance must fall in every step; where rounding stops it, the last simplex is the answer.
+        // The distance must fall in every step. If rounding stops it, the last simplex is the result.
         let found = larger.nearest()?;
         if dot(found.point, found.point) >= squared {
             break;
         }
         simplex = found;
     }
-    Some(Apart { point: simplex.point, of_a: simplex.point_of_a() })
+    let of_a = (0..simplex.count).fold([0.0; 3], |sum, k| add_scaled(sum, simplex.corners[k].a, simplex.shares[k]));
+    Some(Apart { point: simplex.point, of_a })
 }

@@ -1,4 +1,4 @@
-//! Any solid over a half-space.
+//! Distance of any solid from a half-space.
 
 use super::solid::{Nearest, Shape, Solid};
 use crate::math::{across, add_scaled, column, dot, norm, scale, sub, Vec3};
@@ -7,7 +7,7 @@ use crate::math::{across, add_scaled, column, dot, norm, scale, sub, Vec3};
 /// that it does not jump. The face is off by a quarter of this times its half size.
 pub const PARALLEL: f64 = 1e-9;
 
-/// -1 to 1: the sign of `sine`, and what is between where the face is parallel.
+/// The sign of `sine`, -1 or 1, and a linear transition in between if the face is parallel.
 #[inline(always)]
 fn side(sine: f64) -> f64 {
     (sine / PARALLEL).clamp(-1.0, 1.0)
@@ -44,7 +44,7 @@ pub fn extreme(a: &Solid, n: Vec3) -> (f64, Vec3) {
     }
 }
 
-/// `plane` is the half-space.
+/// Nearest points of a solid and the half-space `plane`.
 pub fn over_half_space(a: &Solid, plane: &Solid) -> Nearest {
     let normal = plane.axis();
     let (depth, point) = extreme(a, scale(normal, -1.0));

@@ -1,4 +1,4 @@
-//! The shapes of observers and obstacles, each in a frame of its own, and where two of them are nearest.
+//! The shapes of observers and obstacles, each in a frame of its own, and nearest points of two of them.
 
 use super::clip::Polygon;
 use crate::math::{add, column, mat_t_vec, mat_vec, norm, scale, sub, Mat3, Vec3};
@@ -6,8 +6,8 @@ use crate::math::{add, column, mat_t_vec, mat_vec, norm, scale, sub, Mat3, Vec3}
 /// A solid in its own frame: centred there, long along z.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Shape {
-    /// All within `radius` of a segment of z from -half_length to half_length: a capsule; a sphere where the segment is a point,
-    /// a line where the radius is 0.
+    /// All within `radius` of a segment of z from -half_length to half_length. It is a sphere if the segment is a point, a line if the
+    /// radius is 0.
     Capsule { half_length: f64, radius: f64 },
     /// Flat ends at z = -half_length and half_length.
     Cylinder { half_length: f64, radius: f64 },
@@ -57,16 +57,14 @@ impl Solid {
     }
 }
 
-/// Where two solids A and B are nearest; `a - b = distance * normal`.
+/// Nearest points of two solids A and B, world; `a - b = distance * normal`.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Nearest {
-    /// m; negative: how deep they overlap, along the shortest way out.
+    /// m; negative: the penetration depth.
     pub distance: f64,
-    /// World point of A.
     pub a: Vec3,
-    /// World point of B.
     pub b: Vec3,
-    /// Unit, world: where A moves away from B.
+    /// Unit direction in which A moves away from B.
     pub normal: Vec3,
 }
 

@@ -3,18 +3,18 @@
 //! Variables z in R^n. Level k = 1..p has rows `lower <= c . z <= upper` (an equality, a target, when lower = upper) that hold up
 //! to a slack s; the box `lo <= z <= hi` is hard. Stage k, with z0 standing still:
 //!
-//!     min ||z - z0||^2 + ||s||^2,   lower <= c . z + mu s <= upper,   what the levels above reached,   the box
+//!     min ||z - z0||^2 + ||s||^2,   lower <= c . z + mu s <= upper,   values that the levels above reached,   the box
 //!
-//! which is Levenberg-Marquardt damping inside the box: ||c . z - target||^2 + mu^2 ||z - z0||^2, with mu^2 = damping times what the level
-//! misses (T. Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method", IEEE Trans. Robotics 27(5),
-//! 2011). It is strictly convex: a stage has one answer, whose sensitivity to what is asked is 1 / (2 mu) at most. What it reaches become the targets of
-//! level k, so that lower levels keep all freedom that is left, and every later stage has a point that keeps everything: never
-//! infeasible. A last stage minimises ||z||^2: a posture attraction `||W (x - x_ref)||^2` by the change of variables
-//! z = W (x - x_ref), with one more variable for each soft row beside it.
+//! This is Levenberg-Marquardt damping inside the box: ||c . z - target||^2 + mu^2 ||z - z0||^2, with mu^2 = damping times the error of the
+//! level (T. Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method", IEEE Trans. Robotics 27(5),
+//! 2011). It is strictly convex: a stage has one solution, whose sensitivity to the targets is at most 1 / (2 mu). The values that it
+//! reaches become the targets of level k, so lower levels keep all remaining freedom, and every later stage has a feasible point. A last
+//! stage minimises ||z||^2: a posture attraction `||W (x - x_ref)||^2` by the change of variables z = W (x - x_ref), with one more
+//! variable for each soft row beside it.
 //!
 //! Each stage is a projection onto a polyhedron, by the dual active set of D. Goldfarb and A. Idnani ("A numerically stable dual method
-//! for solving strictly convex quadratic programs", Mathematical Programming 27, 1983) with the identity as Hessian: a limit that is
-//! taken up adds a vector to an orthonormal basis, one that is dropped costs Givens rotations, and nothing is factored anew.
+//! for solving strictly convex quadratic programs", Mathematical Programming 27, 1983) with the identity as Hessian. A limit that enters
+//! the active set adds a vector to an orthonormal basis, one that leaves it costs Givens rotations, and nothing is factored anew.
 
 pub(crate) mod kernels;
 mod problem;

@@ -1,4 +1,4 @@
-//! The data of one hierarchy: levels of rows, a box, and how strongly levels are damped.
+//! The data of one hierarchy: levels of rows, a box, and the damping of levels.
 
 /// Least damping of a level whose rows are in metres or radians.
 pub const LEAST_DAMPING: f64 = 1e-3;
@@ -19,19 +19,19 @@ pub struct Problem {
     /// The box.
     pub lo: Vec<f64>,
     pub hi: Vec<f64>,
-    /// Standing still, which is not z = 0 where a posture attracts: damped steps are measured from here.
+    /// The z of no motion, from which damped steps are measured. A posture that attracts makes it other than 0.
     pub still: Vec<f64>,
-    /// Squared damping of a level for each unit of its error, and its least damping, in units of its rows: rows that cannot all be met
-    /// would ask for infinite forces without.
+    /// Squared damping of a level for each unit of its error, and its least damping, in units of its rows. Without it, rows that
+    /// cannot all be met would need infinite forces.
     pub damping: f64,
     pub least_damping: f64,
-    /// Squared error of each level; what its targets ask for may be less.
+    /// Squared error of each level. Its targets may correct less.
     pub error2: Vec<f64>,
-    /// How often a stage begins anew from what it found: 1; more drive damping to nothing (the proximal point method), for tests.
+    /// Rounds of a stage, each from the solution before: 1. More drive damping to nothing (the proximal point method), for tests.
     pub rounds: usize,
     /// Rows of the last level have a variable of their own each, so that all of them can be met.
     pub soft_last: bool,
-    /// The answer, and which rows limited it in any stage.
+    /// The solution, and the rows that limited it in any stage.
     pub z: Vec<f64>,
     pub held: Vec<bool>,
 }

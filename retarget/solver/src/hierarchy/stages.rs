@@ -5,27 +5,27 @@ use super::problem::Problem;
 
 /// A limit or a target is met within this, for a row of length one.
 const MET: f64 = 1e-11;
-/// A row depends on others if they leave no more of it than this share of its length.
+/// A row depends on others if at most this share of its length is independent of them.
 const DEPENDENT: f64 = 1e-8;
-/// Damping of a level of limits alone, in units of its rows: they are to be kept exactly where they can be.
+/// Damping of a level of limits alone, in units of its rows. It is small, so that feasible limits are kept exactly.
 const LEAST_OF_LIMITS: f64 = 1e-4;
-/// How much more what is missed weighs than the metric, which has no unit in common with it: a limb that is stretched towards what it
-/// cannot reach is not bent by a posture, whose linear model does not see what that costs.
+/// Weight of missed targets against the metric, which has no unit in common with them. A posture may not bend a limb that is stretched
+/// towards a target out of reach, as its linear model does not see the cost of that.
 const YIELDING: f64 = 200.0;
 /// Limits of one level that may be traded against each other at once.
 const MOST_TRADED: usize = 32;
-/// A limit that depends on those that hold may be missed by this: they are nearly parallel, and rounding is enlarged.
+/// A limit that depends on active ones may be missed by this: they are nearly parallel, and rounding is enlarged.
 const ROUNDING: f64 = 1e-6;
 /// Most steps of a frame: 20 times the 99th percentile of OP3 among its 23 boxes.
 pub const BUDGET: u32 = 2000;
 
-/// How a solve ended.
+/// Effort and end of a solve.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
-    /// Limits that were taken up or dropped.
+    /// Limits that entered or left the active set.
     pub steps: u32,
-    /// The budget was spent, and the answer keeps the box and all limits that standing still keeps; or rounding left a limit open, and
-    /// it keeps the box and what the stages before reached.
+    /// The budget was spent, and the solution keeps the box and all limits that standing still keeps. Or rounding left a limit
+    /// violated, and the solution keeps the box and the values of the stages before.
     pub capped: bool,
 }
 
@@ -44,30 +44,31 @@ pub struct Stages {
     budget: u32,
     /// Length of the vectors of the stage.
     width: usize,
-    /// Most vectors of a stage, and the distance of columns of the triangle.
+    /// Most vectors of a stage, and the stride of the triangle's columns.
     most: usize,
-    /// Orthonormal rows that span what earlier stages reached, of the problem's row length, one after the other.
+    /// Orthonormal rows that span the values fixed by earlier stages, of the problem's row length, one after the other.
     fixed: Vec<f64>,
-    /// Orthonormal vectors of this stage, beside those: `soft` span its targets; then, one for each held limit, what all before leave
-    /// of its normal.
+    /// Orthonormal vectors of this stage beside those: `soft` of them span its targets, then there is one for each held limit, the
+    /// part of its normal that is independent of all before.
     own: Vec<f64>,
     soft: usize,
+    /// The active set, with the Lagrange multipliers `forces`.
     held: Vec<Limit>,
-    /// Column j has the normal of held limit j by the vectors of held limits.
+    /// Column j has the normal of held limit j in the basis of held limits.
     triangle: Vec<f64>,
     forces: Vec<f64>,
-    /// Held limits of the stage before: they are tried first.
+    /// Held limits of the stage before, which are tried first.
     likely: Vec<Limit>,
     ignored: Vec<Limit>,
-    /// Bounds of rows as earlier stages left them: what targets reached, limits no tighter than they are kept.
+    /// Bounds of rows after earlier stages: the values that targets reached, and limits no tighter than they are kept.
     pub lower: Vec<f64>,
     pub upper: Vec<f64>,
     /// The point where the stage is.
     x: Vec<f64>,
-    /// A point that keeps all that earlier stages reached.
+    /// A point that keeps the values of all earlier stages.
     kept: Vec<f64>,
     damping: f64,
-    /// Largest error that is left of any level.
+    /// Largest remaining error of any level.
     unmet: f64,
     /// Longest step of the stage.
     reach: f64,
@@ -77,7 +78,7 @@ pub struct Stages {
     slack: Vec<usize>,
     free_slacks: Vec<usize>,
     norms: Vec<f64>,
-    /// How far x has gone in all, and by which `moved` it may first be beyond the limits of each row.
+    /// Length of the path of x so far, and the value of `moved` before which x cannot be beyond the limits of each row.
     moved: f64,
     due: Vec<f64>,
     work: Vec<f64>,
@@ -96,7 +97,7 @@ compile_twice! {
 }
 
 impl Stages {
-    /// Solve `problem`; the answer is in `problem.z`. At most `budget` steps.
+    /// Solve `problem` into `problem.z`, in at most `budget` steps.
     pub fn solve(&mut self, problem: &mut Problem, budget: u32) -> Outcome {
         solve(has_avx2(), self, problem, budget)
     }
@@ -166,16 +167,16 @@ impl Stages {
         p.held.resize(m, false);
     }
 
-    /// The step of level k: the point that is nearest to standing still, where slacks count as distances. False where it was not found.
+    /// The step of level k: the point that is nearest to standing still, with slacks as distances. False if it was not found.
     #[inline(always)]
     fn stage(&mut self, p: &mut Problem, k: usize) -> bool {
-        let (mut asked, mut missing, mut targets) = (0.0, 0.0, 0);
+        let (mut requested, mut missing, mut targets) = (0.0, 0.0, 0);
         self.traded.clear();
         for r in p.level(k).filter(|r| p.present[*r]) {
             let at = dot(p.row(r), &self.kept);
             if p.is_equality(r) {
                 let (now, then) = (self.lower[r] - dot(p.row(r), &p.still), self.lower[r] - at);
-                (asked, missing, targets) = (asked + now * now, missing + then * then, targets + 1);
+                (requested, missing, targets) = (requested + now * now, missing + then * then, targets + 1);
             } else {
                 self.traded.push(r);
                 let beyond = (self.lower[r] - at).max(at - self.upper[r]);
@@ -188,7 +189,7 @@ impl Stages {
             self.traded.clear();
             return true;
         }
-        let error = asked.max(missing).max(p.error2[k]).sqrt();
+        let error = requested.max(missing).max(p.error2[k]).sqrt();
         // A damped step is no longer than this. Limits alone are kept exactly, but go no farther for it either.
         let longest = 0.5 * (error / p.damping).sqrt();
         (self.damping, self.reach) = match targets {
@@ -205,7 +206,7 @@ impl Stages {
                 let off = self.lower[r] - dot(p.row(r), &self.kept);
                 sum + off * off
             });
-            let beyond = (p.error2[k].sqrt() - asked.sqrt()).max(0.0);
+            let beyond = (p.error2[k].sqrt() - requested.sqrt()).max(0.0);
             self.unmet = self.unmet.max(left.sqrt() + beyond);
         }
         found
@@ -244,7 +245,7 @@ impl Stages {
         found
     }
 
-    /// What level k has reached stays from here on.
+    /// Fix the values that level k has reached.
     #[inline(always)]
     fn fix_level(&mut self, p: &mut Problem, k: usize) {
         for r in p.level(k).filter(|r| p.present[*r]) {
@@ -265,7 +266,7 @@ impl Stages {
         }
     }
 
-    /// The least z that keeps what all levels reached, with what soft tasks of the last level ask.
+    /// The least z that keeps the values of all levels, with the soft tasks of the last level.
     #[inline(always)]
     fn last_stage(&mut self, p: &mut Problem, k: usize) -> bool {
         let damping = YIELDING * p.damping * self.unmet;
@@ -283,9 +284,9 @@ impl Stages {
         self.settle(p)
     }
 
-    /// A stage with so many slacks begins at the point nearest to a wanted one that keeps what earlier stages reached, but for limits.
+    /// Begin a stage with `slacks` at the point nearest to the desired one that keeps the fixed values, without regard to limits.
     #[inline(always)]
-    fn begin(&mut self, p: &Problem, slacks: usize, wanted: impl Fn(&Self, &Problem, usize) -> f64) {
+    fn begin(&mut self, p: &Problem, slacks: usize, desired: impl Fn(&Self, &Problem, usize) -> f64) {
         self.width = padded(p.stride + slacks);
         self.again.clear();
         self.again.extend_from_slice(&self.x[..p.stride]);
@@ -294,7 +295,7 @@ impl Stages {
             vector.resize(self.width, 0.0);
         }
         for i in 0..p.n {
-            self.x[i] = wanted(self, p, i);
+            self.x[i] = desired(self, p, i);
             self.work[i] = self.kept[i] - self.x[i];
         }
         let coefficients = &mut self.coefficients[..self.fixed.len() / p.stride];
@@ -305,7 +306,7 @@ impl Stages {
         self.soft = 0;
     }
 
-    /// The target of a row is met from here on, by a slack in a place if there is one; x goes to the nearest point that does.
+    /// Add the target of a row, with the slack at `slot` if there is one. x goes to the nearest point that meets it.
     #[inline(always)]
     fn add_target(&mut self, p: &Problem, r: usize, slot: Option<usize>) {
         self.work[..p.stride].copy_from_slice(p.row(r));
@@ -326,7 +327,7 @@ impl Stages {
         self.soft += 1;
     }
 
-    /// `work`, times `scale`, is vector j of this stage.
+    /// Store `work` times `scale` as vector j of this stage.
     #[inline(always)]
     fn keep_direction(&mut self, j: usize, scale: f64) {
         for (to, w) in self.own[j * self.width..(j + 1) * self.width].iter_mut().zip(&self.work) {
@@ -334,8 +335,8 @@ impl Stages {
         }
     }
 
-    /// What earlier stages reached and the first `count` vectors of this one are taken out of `work`, twice where digits are lost;
-    /// `coefficients`: how much of each. unit: `work` is this number at this place, and nothing else.
+    /// Remove from `work` its part along `fixed` and along the first `count` vectors of this stage, twice if digits are lost.
+    /// `coefficients` become the share of each. unit: `work` has this number at this place, and else zeros.
     #[inline(always)]
     fn project(&mut self, p: &Problem, count: usize, unit: Option<(usize, f64)>) {
         let (work, fixed, own) = (&mut self.work, &self.fixed, &self.own[..count * self.width]);
@@ -366,8 +367,8 @@ impl Stages {
         }
     }
 
-    /// From x, which meets all targets, to the point nearest to where the stage began that keeps all limits: the dual active set of
-    /// Goldfarb and Idnani. False where it was not found: x is then as near to it, from `kept` on, as limits allow.
+    /// Move x, which meets all targets, to the point nearest to the start of the stage that keeps all limits, by the dual active set of
+    /// Goldfarb and Idnani. False if it was not found: x is then as near to it, on the line from `kept`, as limits allow.
     #[inline(always)]
     fn settle(&mut self, p: &mut Problem) -> bool {
         std::mem::swap(&mut self.held, &mut self.likely);
@@ -400,13 +401,13 @@ impl Stages {
         found
     }
 
-    /// The limit is one of this stage.
+    /// True if the limit is one of this stage.
     #[inline(always)]
     fn is_here(&self, p: &Problem, limit: Limit) -> bool {
         limit.index < p.n || self.hard.contains(&(limit.index - p.n)) || self.traded.contains(&(limit.index - p.n))
     }
 
-    /// How far x is beyond a limit whose normal has length one.
+    /// Distance of x beyond a limit.
     #[inline(always)]
     fn violation(&self, p: &Problem, limit: Limit) -> f64 {
         let i = limit.index;
@@ -455,7 +456,7 @@ impl Stages {
         found
     }
 
-    /// The unit normal of a limit, inward, into `work`.
+    /// Write the unit normal of a limit, inward, into `work`.
     #[inline(always)]
     fn normal(&mut self, p: &Problem, limit: Limit) {
         let sign = if limit.upper { -1.0 } else { 1.0 };
@@ -474,7 +475,7 @@ impl Stages {
         }
     }
 
-    /// x goes to where a limit that it is beyond holds, and those that hold with it. False where that was not found.
+    /// Move x to the point at which a violated limit is active, with the active set that belongs to it. False if none was found.
     #[inline(always)]
     fn hold(&mut self, p: &Problem, limit: Limit) -> bool {
         if limit.index >= p.n && self.slack[limit.index - p.n] == NONE && self.traded.contains(&(limit.index - p.n)) {
@@ -503,7 +504,7 @@ impl Stages {
                     *back -= entry * value;
                 }
             }
-            // How far until a held limit would pull, and until this one holds.
+            // Step lengths at which the multiplier of a held limit gets negative, and at which this limit is met.
             let (mut most, mut dropped) = (f64::INFINITY, 0);
             for j in 0..count {
                 if self.back[j] > 1e-12 && self.forces[j] < most * self.back[j] {
@@ -538,7 +539,7 @@ impl Stages {
         }
     }
 
-    /// Held limit l holds no more: Givens rotations make the rest of the triangle one again.
+    /// Remove held limit l from the active set. Givens rotations restore the triangle.
     #[inline(always)]
     fn drop(&mut self, p: &Problem, l: usize) {
         let (count, most, width) = (self.held.len(), self.most, self.width);
@@ -572,7 +573,7 @@ impl Stages {
         }
     }
 
-    /// From standing still towards x as far as all limits allow, those of levels that no stage has come to among them.
+    /// Move from standing still towards x as far as all limits allow, those of levels without a stage so far included.
     #[inline(always)]
     fn keep_limits(&mut self, p: &Problem) {
         for i in 0..p.n {
@@ -585,7 +586,7 @@ impl Stages {
         self.take_feasible(p);
     }
 
-    /// From `kept` towards x as far as limits allow.
+    /// Move from `kept` towards x as far as limits allow.
     #[inline(always)]
     fn take_feasible(&mut self, p: &Problem) {
         let mut share: f64 = 1.0;
@@ -606,7 +607,7 @@ impl Stages {
         for i in 0..p.n {
             self.x[i] = self.kept[i] + share * (self.x[i] - self.kept[i]);
         }
-        self.moved = f64::INFINITY; // what is known of rows no longer holds
+        self.moved = f64::INFINITY; // `due` of rows no longer holds
     }
 }
 

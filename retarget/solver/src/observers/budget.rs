@@ -1,24 +1,23 @@
-//! Where all observers act, each pair has a budget: how far it may still come nearer in this frame. A pair whose joints cannot have
-//! spent it sleeps: its distance is not looked at and its row is left out, for the step could not have crossed it. A pair whose
-//! budget the step would spend is woken, looked at, and gets its row before the step is taken, for four times in an iteration;
-//! what it misses is found after the step, and corrected by the next one.
+//! Activation of all observers. Each pair has a budget, the distance by which it may still come nearer in this frame. While its joints
+//! cannot have spent it, its distance is not computed and it has no row. A pair whose budget the step would spend is measured and gets
+//! its row before the step is taken, up to four times in an iteration. The next step corrects any error that remains.
 
 use super::law::Mode;
+use super::monitor::PairMonitor;
 use super::set::{place_obstacles, Mover, ObstaclePose, Other};
-use super::watch::Watch;
 use crate::geometry::{extreme, gap_at_least, nearest, Nearest, Solid};
 use crate::kinematics::Pose;
 use crate::math::*;
 
-/// Pairs as near as this many times their influence are looked at exactly: so their mode is known.
+/// Pairs within this multiple of their influence distance are measured exactly, so that their mode is known.
 const LOOKED_AT: f64 = 1.1;
-/// An obstacle that is said to be so near (m, rad) to where it was expected has not leapt.
+/// An obstacle within this (m, rad) of its expected pose has not jumped.
 const SAME: f64 = 1e-9;
-/// Nearest points that are so far (m) from those before are elsewhere on their faces.
+/// Nearest points farther than this (m) from those before are elsewhere on their faces.
 const ELSEWHERE: f64 = 3e-3;
 
-impl Watch {
-    /// A frame begins: modes, floors and budgets, as far as they follow from what is known already.
+impl PairMonitor {
+    /// Begin a frame: set modes, floors and budgets, as far as they follow from the bounds of distances.
     pub(super) fn open_budgets(&mut self, pose: &Pose) {
         self.set.place(pose, &mut self.solids);
         self.start.0.copy_from_slice(&self.solids);
@@ -39,7 +38,7 @@ impl Watch {
             return;
         }
         self.look_at_rest(k);
-        let comes = self.obstacle_way(k, self.dt);
+        let comes = self.obstacle_travel(k, self.dt);
         let (least, most) = (self.pairs[k].at_least, self.pairs[k].at_most);
         let mode = self.mode_at(k, least);
         if mode != Mode::Reactive && mode == self.mode_at(k, most) {
@@ -62,7 +61,7 @@ impl Watch {
         }
     }
 
-    /// Coordinates went by `step`: what that may have cost each pair.
+    /// Subtract from budgets the most that a step of the coordinates may have cost.
     pub(super) fn spend(&mut self, pose: &Pose, step: &[f64]) {
         self.set.place(pose, &mut self.solids);
         self.expected.copy_from_slice(step);
@@ -70,13 +69,13 @@ impl Watch {
             *left -= step;
         }
         for k in 0..self.pairs.len() {
-            let way = self.way(k, step);
-            if way > 0.0 {
+            let travel = self.travel(k, step);
+            if travel > 0.0 {
                 let state = &mut self.pairs[k];
                 state.is_fresh = false;
-                state.budget -= way;
-                state.at_least -= way;
-                state.at_most += way;
+                state.budget -= travel;
+                state.at_least -= travel;
+                state.at_most += travel;
                 if state.budget < 0.0 {
                     self.wake(k);
                 }
@@ -85,25 +84,25 @@ impl Watch {
         self.sum_violations();
     }
 
-    /// Coordinates went by `step` between two frames.
+    /// Widen the bounds of distances by a step of the coordinates between two frames.
     pub(crate) fn moved(&mut self, step: &[f64]) {
         for (expected, step) in self.expected.iter_mut().zip(step) {
             *expected += step;
         }
         for k in 0..self.pairs.len() {
-            let way = self.way(k, step);
-            (self.pairs[k].at_least, self.pairs[k].at_most) =
-                (self.pairs[k].at_least - way, self.pairs[k].at_most + way);
+            let travel = self.travel(k, step);
+            self.pairs[k].at_least -= travel;
+            self.pairs[k].at_most += travel;
         }
     }
 
-    /// Pairs that get rows before the first solve of an iteration: what held before, what a step like the last would spend, and what
-    /// may meet before the body rests.
+    /// Collect in `near` the pairs that get rows before the first solve of an iteration: those that limited the last solve, whose budget a
+    /// step like the last would spend, or which may meet before the body rests.
     pub(super) fn wake_expected(&mut self) {
         self.near.clear();
         for k in 0..self.pairs.len() {
             let state = &self.pairs[k];
-            if state.held || state.at_rest.is_some() || self.way(k, &self.expected) >= state.budget {
+            if state.held || state.at_rest.is_some() || self.travel(k, &self.expected) >= state.budget {
                 self.wake(k);
                 self.near.push(k);
             }
@@ -119,17 +118,17 @@ impl Watch {
         }
     }
 
-    /// Pairs without a row whose budget this step would spend after all join `near`. Returns how many there were before.
-    pub(crate) fn wake_surprised(&mut self, step: &[f64]) -> usize {
+    /// Add to `near` the pairs without a row whose budget this step would spend. Returns the number of pairs before.
+    pub(crate) fn wake_newly_active(&mut self, step: &[f64]) -> usize {
         let before = self.near.len();
         for k in 0..self.pairs.len() {
             if self.pairs[k].has_row {
                 continue;
             }
-            let way = self.way(k, step);
-            if way >= self.pairs[k].budget {
+            let travel = self.travel(k, step);
+            if travel >= self.pairs[k].budget {
                 self.wake(k);
-                if way >= self.pairs[k].budget {
+                if travel >= self.pairs[k].budget {
                     self.pairs[k].has_row = true;
                     self.near.push(k);
                 }
@@ -138,7 +137,7 @@ impl Watch {
         before
     }
 
-    /// Look at a pair: where the frame began, if its floor is not known, and where it is now.
+    /// Measure a pair: at the start of the frame, if its floor is not known, and now.
     fn wake(&mut self, k: usize) {
         if !self.pairs[k].has_floor {
             self.find_floor(k);
@@ -161,7 +160,7 @@ impl Watch {
         state.budget = state.nearest.distance - state.floor;
     }
 
-    /// Mode and floor, from the distance at the start of the frame.
+    /// Set mode and floor from the distance at the start of the frame.
     fn find_floor(&mut self, k: usize) {
         let (a, b) = self.set.sides(k, &self.start.0, &self.start.1);
         let gap = gap_at_least(a, b);
@@ -176,16 +175,16 @@ impl Watch {
         }
     }
 
-    /// Look at a pair where the body would come to rest, if it may be nearer than its margin there, give or take what this frame can
-    /// change. A pair that would rest far beyond an obstacle is not seen; nearer to it, the row of now acts.
+    /// Measure a pair in the posture of rest, if it may be nearer than its margin there, within the change that this frame can make. A pair
+    /// that would rest far beyond an obstacle is not found; close to the obstacle its row of now acts.
     fn look_at_rest(&mut self, k: usize) {
         self.pairs[k].at_rest = None;
         if self.rest.time == 0.0 {
             return;
         }
-        let (margin, change) = (self.set.pairs[k].margin, self.way(k, &self.rest.change));
-        let way = self.way(k, &self.rest.way) + change + self.obstacle_way(k, self.rest.time);
-        if way < self.pairs[k].at_least - margin && self.rest.count == 1 {
+        let (margin, change) = (self.set.pairs[k].margin, self.travel(k, &self.rest.change));
+        let travel = self.travel(k, &self.rest.displacement) + change + self.obstacle_travel(k, self.rest.time);
+        if travel < self.pairs[k].at_least - margin && self.rest.count == 1 {
             return;
         }
         let mut closest: Option<(Nearest, usize)> = None;
@@ -203,12 +202,12 @@ impl Watch {
         let (a, b) = self.set.sides(k, &self.rest.foreseen[i].solids, &self.rest.foreseen[i].fixtures);
         let (c, d) = self.set.sides(k, &self.start.0, &self.start.1);
         let now = nearest(c, d, &mut self.scratch);
-        // From beyond its middle the way out of an obstacle leads on through it: the way back is that of now.
+        // From beyond its middle the shortest exit from an obstacle is on the far side: the direction of now is the way back.
         let is_through = now.distance > 0.0 && dot(now.normal, found.normal) < 0.0;
         self.pairs[k].at_rest = Some((if is_through { along(a, b, now.normal) } else { found }, i));
     }
 
-    /// Where an obstacle is at the start of the next frame; whatever else was known of it is forgotten where that differs.
+    /// Set the pose of an obstacle at the start of the next frame. If it is not the expected one, the bounds of its pairs are reset.
     pub fn set_obstacle(&mut self, o: usize, there: ObstaclePose, present: bool) {
         let before = &self.obstacles[o];
         let turned = quat_log(quat_mul(there.quat, quat_conj(before.quat)));
@@ -229,19 +228,19 @@ impl Watch {
         nearest(a, b, &mut self.scratch)
     }
 
-    /// How far the surface of a pair's obstacle may come in `time` s, m.
-    fn obstacle_way(&self, k: usize, time: f64) -> f64 {
+    /// Bound of the motion of the surface of a pair's obstacle in `time` s, m.
+    fn obstacle_travel(&self, k: usize, time: f64) -> f64 {
         let Other::Obstacle(o) = self.set.pairs[k].other else { return 0.0 };
         let (linear, angular) = (norm(self.obstacles[o].linear), norm(self.obstacles[o].angular));
         time * (linear + length_of_arc(angular, self.set.obstacles[o].shape.reach()))
     }
 
-    /// How far a step may bring both sides of a pair together or apart.
-    fn way(&self, k: usize, step: &[f64]) -> f64 {
+    /// Bound of the change of a pair's distance by a step, m.
+    fn travel(&self, k: usize, step: &[f64]) -> f64 {
         self.movers[k].iter().map(|(Mover { dof, lever, .. }, _)| length_of_arc(step[*dof].abs(), *lever)).sum()
     }
 
-    /// How far pairs are below what was asked of them. Who may be has been looked at.
+    /// Sum up the violations of floors. All pairs that may be below theirs have been measured.
     fn sum_violations(&mut self) {
         self.violation.fill(0.0);
         for k in 0..self.pairs.len() {
@@ -258,7 +257,7 @@ fn along(a: &Solid, b: &Solid, normal: Vec3) -> Nearest {
     Nearest { distance: dot(normal, sub(a, b)), a, b, normal }
 }
 
-/// How far a point gets that turns; not at all where it does not, however long the lever.
+/// Length of the path of a point that turns; 0 if it does not, even with an infinite lever.
 fn length_of_arc(turned: f64, lever: f64) -> f64 {
     if turned == 0.0 {
         0.0

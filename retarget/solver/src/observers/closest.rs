@@ -1,18 +1,18 @@
-//! Distances of pairs where only the closest act: of the observers that one obstacle influences, the closest that approaches damps
-//! its motion (paper, "observer prioritization"). Where all act, `budget` keeps them.
+//! Activation of the closest observer: among the observers that one obstacle influences, the closest that approaches damps its motion
+//! (paper, "observer prioritization"). `budget` has the activation of all.
 
 use super::law::{damping_share, Mode};
+use super::monitor::{Approach, PairMonitor};
 use super::set::{place_obstacles, Other};
 use super::task::Activation;
-use super::watch::{Approach, Watch};
 use crate::body::Body;
 use crate::braking::Motion;
 use crate::geometry::{gap_at_least, nearest};
 use crate::hierarchy::Problem;
 use crate::kinematics::Pose;
 
-impl Watch {
-    /// A frame of `dt` s in `n_ik` iterations begins in this posture, of a body that moves so.
+impl PairMonitor {
+    /// Begin a frame of `dt` s in `n_ik` iterations in this posture.
     pub fn begin(&mut self, body: &Body, (q, pose): (&[f64], &Pose), motion: &Motion, dt: f64, n_ik: usize) {
         (self.dt, self.iteration) = (dt, 1.0 / n_ik as f64);
         if self.activation == Activation::All {
@@ -23,7 +23,7 @@ impl Watch {
         }
     }
 
-    /// After an iteration, of which `done` of `n_ik` are; coordinates went by `step` since the last look.
+    /// Update after iteration `done` of `n_ik`, which moved coordinates by `step`.
     pub fn look(&mut self, pose: &Pose, done: usize, step: &[f64]) {
         if self.activation == Activation::All {
             self.spend(pose, step);
@@ -32,7 +32,7 @@ impl Watch {
         }
     }
 
-    /// Pairs within influence, their modes and violations, with obstacles as they are after `share` of the frame.
+    /// Find the pairs within influence, their modes and violations, with obstacles as they are after `share` of the frame.
     fn measure(&mut self, pose: &Pose, share: f64) {
         self.set.place(pose, &mut self.solids);
         place_obstacles(&self.obstacles, share * self.dt, &mut self.fixtures);
@@ -54,7 +54,7 @@ impl Watch {
             }
             let distance = self.pairs[k].nearest.distance;
             self.pairs[k].mode = self.mode_at(k, distance);
-            // Where only the closest act, a pair prevents when its row is put up.
+            // A preventive pair is reported once its row is written.
             if self.pairs[k].mode == Mode::Reactive {
                 self.note(k, Mode::Reactive);
                 self.violates(k, -distance);
@@ -62,14 +62,14 @@ impl Watch {
         }
     }
 
-    /// After a solve without them, put up the rows of pairs that approach in it. Returns whether there are any.
+    /// Write the rows of pairs that approach in the trial, a solve without these rows. Returns true if there are any.
     pub fn choose(&mut self, problem: &mut Problem) -> bool {
         self.approaching.clear();
         for task in self.tasks.iter().filter(|task| !task.reactive) {
             for (index, &k) in task.used.iter().enumerate() {
                 let r = task.first_row + index;
-                // Until now the row's limit is what the reference moves, so that this is n . J dq.
-                let moved = dot(problem.row(r), &problem.z) - problem.lower[r];
+                // The row's limit is so far the motion of the reference, so that this is n . J dq.
+                let moved = problem.row(r).iter().zip(&problem.z).map(|(a, b)| a * b).sum::<f64>() - problem.lower[r];
                 if moved - self.drift(k) < 0.0 {
                     self.approaching.push(Approach { pair: k, row: r, moved });
                 }
@@ -93,8 +93,7 @@ impl Watch {
         any
     }
 
-    /// Whether no approaching pair comes before this one: of those that share its obstacle, or those that share one of its two
-    /// observers, each of which is an obstacle to the other.
+    /// True if no approaching pair with the same obstacle is closer. Each observer of a pair of two is an obstacle to the other.
     fn is_closest(&self, approach: &Approach) -> bool {
         let pair = &self.set.pairs[approach.pair];
         let nearer = |other: &Approach| {
@@ -113,8 +112,4 @@ impl Watch {
         };
         is_first(pair.other) || approach.pair < self.set.self_pairs && is_first(Other::Observer(pair.observer))
     }
-}
-
-fn dot(row: &[f64], z: &[f64]) -> f64 {
-    row.iter().zip(z).map(|(a, b)| a * b).sum()
 }

@@ -1,40 +1,40 @@
-//! What a pair does at a distance, and how near it may come: the damping of the paper, its integral over a frame, the way out of
-//! contact; what the gate rounds.
+//! Modes of a pair, and its least distance at the end of a frame: the damping of the paper, its integral over a frame, and the
+//! separation after contact.
 
-/// Between rows a pair may be nearer by this (m) than at rows: what is sent keeps so much more than what is promised, so that a
-/// path along the limit can still be proven by stretches of finite length.
+/// Between rows a pair may be nearer by this (m) than at rows, so that a path along the limit can be proven by stretches of finite
+/// length.
 pub const BETWEEN: f64 = 1e-4;
-/// A pair that is nearer than it ought to be may come nearer by this (m) in all, not per path, where paths are remembered, and by
-/// so much per path where they are not (that of the servos): solvers and encoders round.
+/// A pair that is too near may come nearer by this (m), as solvers and encoders round: in all if paths are remembered, else (the
+/// path of the servos) on each path.
 pub const LET_OUT: f64 = 1e-4;
 
-/// Share of an approach that stays (paper, "Preventive observer activation"): 1 where influence begins, 0 at the margin.
+/// Remaining share of an approach (paper, "Preventive observer activation"): 1 at the influence distance, 0 at the margin.
 pub fn damping_share(distance: f64, influence: f64, margin: f64) -> f64 {
     ((distance - margin) / (influence - margin)).clamp(0.0, 1.0)
 }
 
-/// Least distance at the end of a frame of `dt` s that began at `distance`, for a part that may approach at `speed` (m/s) where
-/// influence begins and ever slower towards the margin.
+/// Least distance at the end of a frame of `dt` s that began at `distance`, for a part that may approach at `speed` (m/s) at the
+/// influence distance, and slower towards the margin.
 ///
-/// It is the velocity damper d' >= -speed (d - margin) / (influence - margin) integrated over the frame, so that no frame is too
-/// long for it. Inside the margin it asks to get out at the same law.
+/// It is the velocity damper d' >= -speed (d - margin) / (influence - margin) integrated over the frame, so that it holds for frames
+/// of any length. Inside the margin the pair separates by the same law.
 pub fn damped_floor(distance: f64, influence: f64, margin: f64, speed: f64, dt: f64) -> f64 {
     let room = influence - margin;
     if distance > influence {
-        // Free until influence begins, and for the rest of the frame as from there.
+        // Free up to the influence distance, which is taken as the start of the whole frame.
         return margin + room * libm::exp(-speed * dt / room);
     }
     margin + (distance - margin) * libm::exp(-speed * dt / room)
 }
 
-/// Least distance at the end of a frame for a part that touches: out at `speed` (m/s), up to the margin and no farther.
-pub fn way_out(distance: f64, margin: f64, speed: f64, dt: f64) -> f64 {
+/// Least distance at the end of a frame for a part in contact, which separates at `speed` (m/s) up to the margin.
+pub fn contact_floor(distance: f64, margin: f64, speed: f64, dt: f64) -> f64 {
     (distance + speed * dt).min(margin.max(distance))
 }
 
 /// Deeper than this (m) is contact: rounding is not.
 pub const CONTACT: f64 = 1e-4;
-/// A pair leaves influence a little farther out than it came in, so that rest at the edge is no coming and going.
+/// Hysteresis: a pair leaves influence at this multiple of the influence distance, so that its mode does not flicker.
 const LEAVING: f64 = 1.05;
 
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Default)]
@@ -46,7 +46,7 @@ pub enum Mode {
 }
 
 impl Mode {
-    /// What a pair does next at this distance.
+    /// The next mode of a pair at this distance, m.
     pub fn next(self, distance: f64, influence: f64) -> Self {
         let touches = distance < if self == Self::Reactive { -0.5 * CONTACT } else { -CONTACT };
         let is_near = distance < if self == Self::Free { influence } else { LEAVING * influence };

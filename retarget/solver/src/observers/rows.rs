@@ -1,30 +1,33 @@
-//! Inequality rows of pairs, n . J dq >= what is left of the approach, written into a hierarchy problem.
+//! Inequality rows n . J dq >= required of pairs, written into a hierarchy problem.
 
 use super::law::Mode;
+use super::monitor::PairMonitor;
 use super::rest::Rest;
 use super::set::Mover;
 use super::task::{Activation, ROWS};
-use super::watch::Watch;
 use crate::body::Body;
 use crate::geometry::Nearest;
 use crate::hierarchy::Problem;
 use crate::kinematics::Pose;
 use crate::math::*;
 
-/// Share of what the box allows beyond standing still, or braking, that a row may ask for in one iteration.
+/// Share of the motion that the box allows beyond standing still, or braking, that a row may require in one iteration.
 const EASE: f64 = 0.25;
 
-impl Watch {
-    /// Rows of all pairs that act, in the variables of the hierarchy. Returns whether rows wait for a trial.
+impl PairMonitor {
+    /// Write rows of all active pairs, in the variables of the hierarchy. Returns true if rows wait for a trial.
     pub fn write_rows(&mut self, problem: &mut Problem, at: &Iteration<'_>) -> bool {
-        self.clear_rows(problem);
+        for task in &mut self.tasks {
+            problem.present[task.first_row..task.first_row + ROWS * task.pairs].fill(false);
+            task.used.clear();
+        }
         if self.activation == Activation::All {
             self.wake_expected();
         }
         self.write_rows_from(0, problem, at)
     }
 
-    /// The rows of those pairs in `near` from `start` on.
+    /// Write the rows of pairs in `near` from `start` on.
     pub fn write_rows_from(&mut self, start: usize, problem: &mut Problem, at: &Iteration<'_>) -> bool {
         let mut waiting = false;
         for index in start..self.near.len() {
@@ -39,8 +42,8 @@ impl Watch {
             }
             let rows = task.rows_of(task.used.len());
             task.used.push(k);
-            let asked = if waits { 0.0 } else { self.asked(k) };
-            let now = Some(Place { nearest: self.pairs[k].nearest, asked, pose: at.pose, rest: None });
+            let required = if waits { 0.0 } else { self.required(k) };
+            let now = Some(RowPlace { nearest: self.pairs[k].nearest, required, pose: at.pose, rest: None });
             for (r, place) in rows.into_iter().zip([now, self.at_rest(k), self.at_before(k, at.pose)]) {
                 let Some(place) = place else { continue };
                 let may_be_crossed = self.write_row(k, r, &place, problem, at);
@@ -51,36 +54,29 @@ impl Watch {
         waiting
     }
 
-    /// The row about the posture of rest, n . J (sum dq - share way) >= share (min(margin, floor) - distance); None: the pair is far enough
-    /// apart there, or touches now.
-    fn at_rest(&self, k: usize) -> Option<Place<'_>> {
+    /// The row at rest, n . J (sum dq - share displacement) >= share (min(margin, floor) - distance). None if the pair is far enough
+    /// apart there, or in contact now.
+    fn at_rest(&self, k: usize) -> Option<RowPlace<'_>> {
         let (state, rest) = (&self.pairs[k], &self.rest);
         let (nearest, i) = state.at_rest.filter(|_| state.mode != Mode::Reactive)?;
-        let asked = (self.set.pairs[k].margin.min(state.floor) - nearest.distance) * rest.share;
-        Some(Place { nearest, asked, pose: &rest.foreseen[i].pose, rest: Some(rest) })
+        let required = (self.set.pairs[k].margin.min(state.floor) - nearest.distance) * rest.share;
+        Some(RowPlace { nearest, required, pose: &rest.foreseen[i].pose, rest: Some(rest) })
     }
 
-    /// The row where the pair was nearest before, if that was elsewhere: along parallel faces the nearest points leap from end to end.
-    fn at_before<'a>(&self, k: usize, pose: &'a Pose) -> Option<Place<'a>> {
+    /// The row at the nearest points of before, if they were elsewhere. On parallel faces the nearest points jump from end to end.
+    fn at_before<'a>(&self, k: usize, pose: &'a Pose) -> Option<RowPlace<'a>> {
         let state = &self.pairs[k];
         let (a, b) = state.before.filter(|_| state.mode != Mode::Reactive)?;
         let (first, second) = self.set.sides(k, &self.solids, &self.fixtures);
         let normal = state.nearest.normal;
         let (a, b) = (first.world(a), second.world(b));
         let distance = dot(normal, sub(a, b));
-        let asked = state.floor - distance.max(state.nearest.distance);
-        Some(Place { nearest: Nearest { distance, a, b, normal }, asked, pose, rest: None })
+        let required = state.floor - distance.max(state.nearest.distance);
+        Some(RowPlace { nearest: Nearest { distance, a, b, normal }, required, pose, rest: None })
     }
 
-    fn clear_rows(&mut self, problem: &mut Problem) {
-        for task in &mut self.tasks {
-            problem.present[task.first_row..task.first_row + ROWS * task.pairs].fill(false);
-            task.used.clear();
-        }
-    }
-
-    /// Least n . J dq of a pair.
-    fn asked(&self, k: usize) -> f64 {
+    /// Least n . J dq of a pair, m.
+    fn required(&self, k: usize) -> f64 {
         let state = &self.pairs[k];
         let distance = state.nearest.distance;
         let all = self.activation == Activation::All;
@@ -88,24 +84,23 @@ impl Watch {
         floor - distance + self.drift(k)
     }
 
-    /// The row n . J dq >= asked of a pair in a place. Returns whether any point of the box lies below it; if none does, it asks for
-    /// nothing.
+    /// Write the row n . J dq >= required of a pair. Returns false if all of the box keeps it.
     ///
-    /// It asks for no more than what standing still brings (braking, in the row about rest) and the share `EASE` of what the box
-    /// allows beyond that: joints that cannot get out in one frame would all go as far as they may, those that carry the body
-    /// as well, and lower levels could keep nothing.
-    fn write_row(&self, k: usize, r: usize, place: &Place<'_>, problem: &mut Problem, at: &Iteration<'_>) -> bool {
+    /// It requires no more than the value of standing still (of braking, in the row at rest) plus the share `EASE` of the motion that
+    /// the box allows beyond it. Otherwise joints that cannot separate the pair in one frame would all move to their limits, those
+    /// that carry the body too, and lower levels could keep nothing.
+    fn write_row(&self, k: usize, r: usize, place: &RowPlace<'_>, problem: &mut Problem, at: &Iteration<'_>) -> bool {
         let Nearest { a, b, normal, .. } = place.nearest;
-        let (mut limit, mut still, mut least, mut most) = (place.asked, 0.0, 0.0, 0.0);
+        let (mut limit, mut still, mut least, mut most) = (place.required, 0.0, 0.0, 0.0);
         problem.row_mut(r).fill(0.0);
         for &(Mover { dof, sign, .. }, c) in &self.movers[k] {
             let value = sign * dot(normal, at.body.point_column(place.pose, dof, if sign > 0.0 { a } else { b }));
             let (left, braked) = place.rest.map_or((0.0, 0.0), |rest| {
-                // Way goes by the square of speed: braking makes it shorter by `share`, and a step counts 1 / share in it.
+                // Braking distance goes with the square of speed: braking shortens it by `share`, and a step counts 1 / share.
                 let left = rest.left[dof];
-                (left, left - rest.share * rest.share * rest.way[dof])
+                (left, left - rest.share * rest.share * rest.displacement[dof])
             });
-            // The hierarchy solves for z, with dq = reference + scale z: columns take the scale, limits what the reference moves.
+            // The hierarchy solves for z, with dq = reference + scale z: columns take the scale, limits the motion of the reference.
             limit += value * (left - at.reference[dof]);
             still += value * (braked - at.reference[dof]);
             let column = value * at.scale[dof];
@@ -120,7 +115,7 @@ impl Watch {
         !(least >= problem.lower[r])
     }
 
-    /// Remember which rows limited the solve.
+    /// Mark the pairs whose rows limited the solve.
     pub fn keep_held(&mut self, problem: &Problem) {
         for &k in &self.near {
             self.pairs[k].held = false;
@@ -133,16 +128,15 @@ impl Watch {
     }
 }
 
-/// A row to write: a pose, where the pair is nearest in it, and the least n . J dq; `rest`, if that is the pose of rest.
-struct Place<'a> {
+/// A row to write: a pose, the nearest points of the pair in it, and the least n . J dq, m. `rest` is given for a pose of rest.
+struct RowPlace<'a> {
     nearest: Nearest,
-    asked: f64,
+    required: f64,
     pose: &'a Pose,
     rest: Option<&'a Rest>,
 }
 
-/// What rows of one iteration are written for: a body in a pose, and its step
-/// dq = reference + scale z by the hierarchy's variables z.
+/// A body in a pose, and the map dq = reference + scale z from the hierarchy's variables z to its step.
 pub struct Iteration<'a> {
     pub body: &'a Body,
     pub pose: &'a Pose,

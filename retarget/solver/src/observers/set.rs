@@ -1,4 +1,4 @@
-//! Which observers and obstacles there are, and which of them are looked at together.
+//! Observers, obstacles, and the pairs of them that are checked.
 
 use crate::body::{Body, Joint, JointKind};
 use crate::geometry::{Shape, Solid};
@@ -24,13 +24,12 @@ pub struct Obstacle {
     pub margin: f64,
 }
 
-/// Where an obstacle is at the start of a frame, and how it moves.
+/// Pose and velocity (m/s, rad/s, world frame) of an obstacle at the start of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct ObstaclePose {
     pub position: Vec3,
     pub quat: Quat,
     pub linear: Vec3,
-    /// World frame, rad/s.
     pub angular: Vec3,
 }
 
@@ -52,7 +51,7 @@ impl ObstaclePose {
     }
 }
 
-/// Put the solids of obstacles where they are `time` s later.
+/// Place the solids of obstacles as they are `time` s later.
 pub fn place_obstacles(obstacles: &[ObstaclePose], time: f64, solids: &mut [Solid]) {
     for (solid, obstacle) in solids.iter_mut().zip(obstacles) {
         let there = obstacle.after(time);
@@ -60,7 +59,7 @@ pub fn place_obstacles(obstacles: &[ObstaclePose], time: f64, solids: &mut [Soli
     }
 }
 
-/// What an observer looks at.
+/// The thing that an observer looks at.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Other {
     Observer(usize),
@@ -74,7 +73,7 @@ pub struct Pair {
     pub other: Other,
     pub influence: f64,
     pub margin: f64,
-    /// Coordinates that move one side and not the other. What moves both cannot part them.
+    /// Coordinates that move one side and not the other.
     pub movers: Vec<Mover>,
 }
 
@@ -82,9 +81,9 @@ pub struct Pair {
 #[derive(Clone, Copy, Debug)]
 pub struct Mover {
     pub dof: usize,
-    /// 1: it moves the observer; -1: what the observer looks at.
+    /// 1 if it moves the observer, -1 if it moves the other side.
     pub sign: f64,
-    /// Farthest that the side's shape ever gets from the coordinate's axis, m; 1 of a slide; infinite where that is not known.
+    /// Greatest distance of the side's shape from the coordinate's axis in any posture, m; 1 for a slide; infinite if it is not known.
     pub lever: f64,
 }
 
@@ -99,7 +98,7 @@ pub struct ObserverSet {
 }
 
 impl ObserverSet {
-    /// `checked`: pairs of observers that are looked at, `around`: pairs of an observer and an obstacle; with the largest margin of each.
+    /// `checked`: pairs of observers; `around`: pairs of an observer and an obstacle; each with the largest margin that it keeps.
     pub fn new(
         body: &Body,
         observers: Vec<Observer>,
@@ -149,7 +148,7 @@ impl ObserverSet {
         Ok(Self { observers, obstacles, pairs, self_pairs })
     }
 
-    /// Where the observers are in a posture.
+    /// Place the solids of the observers in a pose.
     pub fn place(&self, pose: &Pose, solids: &mut [Solid]) {
         for (solid, observer) in solids.iter_mut().zip(&self.observers) {
             let link = &pose.rotation[observer.link];
@@ -158,7 +157,7 @@ impl ObserverSet {
         }
     }
 
-    /// Both sides of a pair, where observers and obstacles are.
+    /// Solids of both sides of a pair.
     pub fn sides<'a>(&self, pair: usize, solids: &'a [Solid], fixtures: &'a [Solid]) -> (&'a Solid, &'a Solid) {
         let pair = &self.pairs[pair];
         match pair.other {
@@ -167,58 +166,54 @@ impl ObserverSet {
         }
     }
 
-    /// Solids of the observers, somewhere.
+    /// Solids of the observers, not yet placed.
     pub fn new_solids(&self) -> Vec<Solid> {
         let solid = |o: &Observer| Solid { shape: o.shape, position: o.position, rotation: o.rotation };
         self.observers.iter().map(solid).collect()
     }
 
-    /// Solids of the obstacles, somewhere.
+    /// Solids of the obstacles, not yet placed.
     pub fn new_fixtures(&self) -> Vec<Solid> {
         let solid = |o: &Obstacle| Solid { shape: o.shape, position: [0.0; 3], rotation: IDENTITY };
         self.obstacles.iter().map(solid).collect()
     }
 }
 
-/// Farthest that an observer's shape ever gets from the axis of a coordinate in its chain.
+/// Greatest distance of an observer's shape from the axis of a coordinate in its chain, in any posture.
 fn lever(body: &Body, observer: &Observer, dof: usize) -> f64 {
     let slides = |later: &usize| *later > dof && body.dof_linear[*later];
     match body.dof_linear[dof] {
         true => 1.0,
-        // What slides after the joint draws the shape away from it.
+        // A slide after the joint moves the shape away from it.
         false if body.links[observer.link].chain.iter().any(slides) => f64::INFINITY,
         false => arm(body, dof, observer),
     }
 }
 
-/// Length (m) of the way along the body from a joint to the farthest point of an observer: no posture takes it farther, if nothing
-/// slides on the way.
+/// Length (m) along the body from a joint to the farthest point of an observer. No posture takes it farther, if no joint in between
+/// slides.
 pub fn arm(body: &Body, dof: usize, observer: &Observer) -> f64 {
     let joint = dof_joint(body, dof);
     let from = body.joints[joint].body;
     let later = &body.joints[joint + 1..body.links[from].joints.1];
     let off: f64 = norm(body.joints[joint].pos) + later.iter().map(|j| 2.0 * norm(j.pos)).sum::<f64>();
-    off + way(body, from, observer.link) + norm(observer.position) + observer.shape.reach()
+    off + link_distance(body, from, observer.link) + norm(observer.position) + observer.shape.reach()
 }
 
 pub fn dof_joint(body: &Body, dof: usize) -> usize {
     body.joints.iter().rposition(|j| j.v_address <= dof).unwrap_or(0)
 }
 
-/// Length (m) of the way along the body from the origin of one link to that of another.
-fn way(body: &Body, from: usize, to: usize) -> f64 {
+/// Length (m) along the body from the origin of one link to that of another, with slides at rest. A turn about a point swings the
+/// origin of its link around it.
+fn link_distance(body: &Body, from: usize, to: usize) -> f64 {
+    let swung = |joint: &Joint| if joint.kind == JointKind::Slide { 0.0 } else { 2.0 * norm(joint.pos) };
     let (mut a, mut b, mut length) = (from, to, 0.0);
     while a != b {
         let lower = if a > b { &mut a } else { &mut b };
-        length += edge(body, *lower);
-        *lower = body.links[*lower].parent;
+        let link = &body.links[*lower];
+        length += norm(link.pos) + body.joints[link.joints.0..link.joints.1].iter().map(swung).sum::<f64>();
+        *lower = link.parent;
     }
     length
-}
-
-/// Most that a link's origin is away from its parent's, m, slides at rest. A turn about a point swings the origin around it.
-fn edge(body: &Body, link: usize) -> f64 {
-    let link = &body.links[link];
-    let swung = |joint: &Joint| if joint.kind == JointKind::Slide { 0.0 } else { 2.0 * norm(joint.pos) };
-    norm(link.pos) + body.joints[link.joints.0..link.joints.1].iter().map(swung).sum::<f64>()
 }

@@ -1,34 +1,34 @@
-//! What a level that is made of observers asks for, and which of the observers within influence take part.
+//! Tasks of a level of observers.
 
 use super::set::{Other, Pair};
 
 /// Rows of a pair.
 pub const ROWS: usize = 3;
 
-/// Which of the observers within influence put up their row.
+/// The observers within influence that have rows.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Activation {
-    /// The closest to each obstacle (paper).
+    /// The closest one to each obstacle (paper).
     Closest,
-    /// All of them, throughout influence.
+    /// All of them.
     All,
 }
 
-/// A task of a level that is made of observers.
+/// A task of a level of observers.
 #[derive(Clone, Debug, Default)]
 pub struct ObserverTask {
     pub reactive: bool,
-    /// It names its observers; otherwise all take part.
+    /// True if the task names its observers; otherwise all take part.
     pub named: bool,
-    /// Observers that take part.
+    /// True for the observers that take part.
     pub of: Vec<bool>,
     pub with_self: bool,
     pub with_scene: bool,
-    /// Approach permitted where influence begins, or speed of the way out of contact, m/s.
+    /// Permitted approach at the influence distance, or speed of separation from contact, m/s.
     pub speed: f64,
-    /// It takes part in this frame.
+    /// True if the task takes part in this frame.
     pub on: bool,
-    /// Place among the tasks of observers.
+    /// Index among the tasks of observers.
     pub index: usize,
     pub first_row: usize,
     /// Most pairs that may have rows at once.
@@ -45,15 +45,8 @@ impl ObserverTask {
         }
     }
 
-    /// The rows of the pair that is `used` as the n-th: at its nearest points of now, of the posture of rest, and of before. All first
-    /// ones come first.
+    /// The rows of the n-th pair of `used`: at its nearest points now, at rest, and before. The first rows of all pairs come first.
     pub fn rows_of(&self, n: usize) -> [usize; ROWS] {
         std::array::from_fn(|k| self.first_row + k * self.pairs + n)
-    }
-
-    /// The first tasks that look at a pair before contact and in contact.
-    pub fn of_pair(tasks: &[Self], pair: &Pair) -> (Option<usize>, Option<usize>) {
-        let first = |reactive| tasks.iter().position(|t| t.reactive == reactive && t.looks_at(pair));
-        (first(false), first(true))
     }
 }

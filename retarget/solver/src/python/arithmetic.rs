@@ -1,5 +1,5 @@
-//! Arithmetic for Python whose bits no processor decides: sines and the like from the crate `libm`, sums in the order of their indices,
-//! no product fused with a sum. See `retarget/_solver.pyi`.
+//! Arithmetic for Python with the same bits on every processor: elementary functions of the crate `libm`, sums in the order of their
+//! indices, no product fused with a sum. See `retarget/_solver.pyi`.
 
 use super::arrays::bad;
 use crate::math::{add, add_scaled, cross, quat_mul, scale, Quat, Vec3};
@@ -36,7 +36,7 @@ pub enum Value<'py> {
 impl<'a, 'py> FromPyObject<'a, 'py> for Value<'py> {
     type Error = PyErr;
 
-    /// Python's and NumPy's floats first, which is quickest; then arrays, of which those of one number pass for a number, too.
+    /// Floats of Python and NumPy first, which is quickest; then arrays.
     fn extract(given: Borrowed<'a, 'py, PyAny>) -> PyResult<Self> {
         if given.cast::<PyFloat>().is_err() && given.cast::<PyUntypedArray>().is_ok() {
             return Ok(Self::Array(given.extract()?));
@@ -50,7 +50,7 @@ type Array<'py> = PyReadonlyArrayDyn<'py, f64>;
 type Answer<'py> = PyResult<Bound<'py, PyAny>>;
 type Arrays<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
 
-/// A number where nothing but a number is left, else the array.
+/// A number for an array without axes, else the array.
 fn answer(py: Python<'_>, found: ArrayD<f64>) -> Answer<'_> {
     match found.ndim() {
         0 => Ok(found[IxDyn(&[])].into_pyobject(py)?.into_any()),
@@ -99,7 +99,7 @@ fn broadcast(a: &[usize], b: &[usize]) -> PyResult<Vec<usize>> {
         .collect()
 }
 
-/// What `function` makes of rows along the last axes, which have A and B entries; the axes before are broadcast.
+/// Apply `function` to rows along the last axes, which have A and B entries; the axes before are broadcast.
 fn each_row<'py, const A: usize, const B: usize, const OUT: usize>(
     py: Python<'py>,
     a: &Array<'py>,

@@ -1,4 +1,4 @@
-//! Arrays that come from Python, checked, and arrays that go there.
+//! Checked arrays from Python, and arrays for Python.
 
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -8,7 +8,7 @@ pub type Numbers<'py> = PyReadonlyArray1<'py, f64>;
 pub type Table<'py> = PyReadonlyArray2<'py, f64>;
 pub type Integers<'py> = PyReadonlyArray1<'py, i64>;
 pub type Flags<'py> = PyReadonlyArray1<'py, bool>;
-/// What is handed out.
+/// Arrays that are returned.
 pub type Vector<'py> = Bound<'py, PyArray1<f64>>;
 pub type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 
@@ -32,7 +32,7 @@ pub fn vector<'a>(a: &'a Numbers<'_>, count: usize, name: &str) -> PyResult<&'a 
     Ok(a)
 }
 
-/// Finite numbers, or zeros where nothing is given.
+/// Finite numbers, or zeros if none are given.
 pub fn vector_or_zeros(a: Option<&Numbers<'_>>, count: usize, name: &str) -> PyResult<Vec<f64>> {
     a.map_or(Ok(vec![0.0; count]), |a| Ok(vector(a, count, name)?.to_vec()))
 }
@@ -74,7 +74,7 @@ pub fn indices<'a>(a: &'a Integers<'_>, count: usize) -> PyResult<&'a [i64]> {
     }
 }
 
-/// An index whose range the callee checks: a negative one is none of any.
+/// An index whose range the callee checks; a negative one is out of any range.
 pub fn index(i: i64) -> usize {
     usize::try_from(i).unwrap_or(usize::MAX)
 }

@@ -1,4 +1,4 @@
-//! Kinematics for Python: `Body`, of one posture or of many; `Probe` and `Footing`, of one posture tick by tick.
+//! Kinematics for Python: `Body` for one posture or many, `Probe` and `Footing` for one posture tick by tick.
 
 use super::arrays::{bad, entries, index, matrix, rows, table, vector, Integers, Matrix, Numbers, Table, Vector};
 use crate::body::{Body, Joint, JointKind, Link};
@@ -24,7 +24,7 @@ impl PyBody {
         Ok(pose)
     }
 
-    /// What `read` finds in every posture of q (T, nq), one after the other.
+    /// Results of `read` in every posture of q (T, nq), one after the other.
     fn read_all(&self, q: &Table<'_>, mut read: impl FnMut(&Pose, &mut Vec<f64>)) -> PyResult<Vec<f64>> {
         let (mut pose, mut found) = (self.body.new_pose(), vec![]);
         for row in table(q, q.shape()[0], self.body.nq, "q")?.chunks_exact(self.body.nq) {
@@ -97,8 +97,9 @@ impl PyBody {
             chain: vec![],
         };
         let joint = |j: usize| {
-            let kind = JointKind::from_code(codes[j])
-                .ok_or_else(|| bad(format!("joint_type[{j}] is {}; 0 free, 1 ball, 2 slide, 3 hinge", codes[j])))?;
+            let kinds = [JointKind::Free, JointKind::Ball, JointKind::Slide, JointKind::Hinge];
+            let unknown = || bad(format!("joint_type[{j}] is {}; 0 free, 1 ball, 2 slide, 3 hinge", codes[j]));
+            let kind = *kinds.get(index(codes[j])).ok_or_else(unknown)?;
             let (body, axis, pos) = (index(joint_body[j]), axis[j], anchor[j]);
             Ok(Joint { body, kind, axis, pos, q_address: 0, v_address: 0, q_rest: 0.0 })
         };
@@ -252,10 +253,10 @@ impl PyFooting {
         Ok(Self { reader: Reader::new(body, &links, &local)?, planted, edges })
     }
 
-    fn losses(&mut self, way: Table<'_>) -> PyResult<(f64, f64)> {
+    fn losses(&mut self, path: Table<'_>) -> PyResult<(f64, f64)> {
         let nq = self.reader.body.nq;
         let (mut off, mut inside) = (0.0_f64, f64::INFINITY);
-        for q in table(&way, way.shape()[0], nq, "way")?.chunks_exact(nq) {
+        for q in table(&path, path.shape()[0], nq, "path")?.chunks_exact(nq) {
             self.reader.go_to(q);
             for (place, planted) in self.reader.places().zip(&self.planted) {
                 let gone = sub(place, *planted);
@@ -270,7 +271,7 @@ impl PyFooting {
     }
 }
 
-/// The larger of two; NaN, if one of them is.
+/// The larger of two numbers; NaN if one of them is NaN.
 fn largest(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b {
         a

@@ -1,11 +1,11 @@
-//! Limits and braking for Python: the gate and the solver share one rule.
+//! Limits and braking for Python.
 
 use super::arrays::{bad, entries, table, time_step, vector, Matrix, Numbers, Table, Vector};
 use crate::braking::{self, Braking, Limit};
 use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-/// Limits of every coordinate; raises on NaN, on negative speeds and on lower > upper.
+/// Limits of every coordinate. Raises ValueError for NaN, negative speeds and lower > upper.
 pub fn limits(lower: &Numbers, upper: &Numbers, velocity: &Numbers, acceleration: &Numbers) -> PyResult<Vec<Limit>> {
     let lower = lower.as_slice()?;
     let (n, upper) = (lower.len(), entries(upper, lower.len(), "upper")?);

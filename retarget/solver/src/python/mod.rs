@@ -1,5 +1,5 @@
-//! What Python sees of the solver, one file for each thing there: arrays are checked here, and nowhere below. See
-//! `retarget/_solver.pyi`.
+//! Python bindings of the solver, one file for each class. Arrays are checked here, and nowhere below. `retarget/_solver.pyi` documents
+//! all names.
 
 mod arithmetic;
 pub mod arrays;

@@ -1,4 +1,4 @@
-//! `Observers` for Python: which shapes of a body look at each other and at which obstacles.
+//! `Observers` for Python.
 
 use super::arrays::{bad, entries, index, rows, Integers, Numbers, Table};
 use super::body::PyBody;
@@ -77,7 +77,7 @@ fn zones(influence: &Numbers<'_>, margin: &Numbers<'_>, n: usize) -> PyResult<Ve
     }
 }
 
-/// Pairs (p, 2) of numbers, each with the largest margin that it keeps: `margin` (p,), without bound where it is not given.
+/// Pairs (p, 2) of numbers, each with the largest margin that it keeps: `margin` (p,), or infinity if it is not given.
 fn pair_rows(
     pairs: &PyReadonlyArray2<'_, i64>,
     margin: Option<&Numbers<'_>>,
@@ -95,7 +95,7 @@ fn pair_rows(
     Ok(pairs.as_slice()?.chunks_exact(2).zip(most).map(|(p, m)| (index(p[0]), index(p[1]), *m)).collect())
 }
 
-/// Poses of `k` obstacles, which are at rest where no velocity is given.
+/// Poses of `k` obstacles, at rest if no velocity is given.
 pub fn obstacle_poses(
     k: usize,
     position: &Table<'_>,

@@ -47,7 +47,7 @@ impl PyPathChecker {
         linear: Table<'_>,
         angular: Table<'_>,
     ) -> PyResult<()> {
-        let obstacles = &mut self.checker.stage.obstacles;
+        let obstacles = &mut self.checker.scene.obstacles;
         *obstacles = obstacle_poses(obstacles.len(), &position, &quat, Some(&linear), Some(&angular))?;
         Ok(())
     }
@@ -59,7 +59,7 @@ impl PyPathChecker {
     /// Numbers of the observer, and of the other one or of the obstacle.
     #[getter]
     fn refused(&self) -> Option<(usize, Option<usize>, Option<usize>)> {
-        let pair = &self.checker.stage.set.pairs[self.checker.refused?];
+        let pair = &self.checker.scene.set.pairs[self.checker.refused?];
         Some(match pair.other {
             Other::Observer(other) => (pair.observer, Some(other), None),
             Other::Obstacle(obstacle) => (pair.observer, None, Some(obstacle)),
@@ -79,7 +79,7 @@ impl PyPathChecker {
         looks: u64,
     ) -> PyResult<bool> {
         self.checker.most_looks = looks;
-        let standing = vector(&standing, self.checker.stage.body.nq, "standing")?;
+        let standing = vector(&standing, self.checker.scene.body.nq, "standing")?;
         let path = self.rows(&path)?;
         let instead = instead.as_ref().map(|rows| self.rows(rows)).transpose()?;
         if !(0.0..=1.0).contains(&share) {
@@ -94,7 +94,7 @@ impl PyPathChecker {
         if path.shape()[0] == 0 {
             return Err(bad("a path needs a row".into()));
         }
-        let rows = table(path, path.shape()[0], self.checker.stage.columns.len(), "path")?;
+        let rows = table(path, path.shape()[0], self.checker.scene.columns.len(), "path")?;
         finite(rows, "path")?;
         Ok(rows)
     }

@@ -19,15 +19,7 @@ pub struct PySolver {
     solver: FrameSolver,
 }
 
-fn activation_named(name: &str) -> PyResult<Activation> {
-    match name {
-        "closest" => Ok(Activation::Closest),
-        "all" => Ok(Activation::All),
-        _ => Err(bad(format!("activation is {name:?}, expected closest or all"))),
-    }
-}
-
-/// Refuse a task on a link that there is not, and a posture of another size.
+/// Refuse a task on an unknown link, and a posture of another size.
 fn check_task(task: &PyTask, links: usize, nv: usize) -> PyResult<()> {
     if task.link.is_some_and(|link| link >= links) {
         return Err(bad("a task sits on a link the body does not have".into()));
@@ -38,8 +30,8 @@ fn check_task(task: &PyTask, links: usize, nv: usize) -> PyResult<()> {
     Ok(())
 }
 
-/// Fill in the observers of tasks that name none; refuse tasks whose observers there are not, or which stand beside a posture in
-/// the last level, where a row is no limit.
+/// Fill in the observers of tasks that name none. Refuse tasks of unknown observers, and tasks beside a posture in the last level, in which
+/// rows are no limits.
 fn check_observed(levels: &mut [Vec<Task>], count: usize) -> PyResult<()> {
     let last = levels.len().saturating_sub(1);
     for (k, level) in levels.iter_mut().enumerate() {
@@ -96,7 +88,11 @@ impl PySolver {
         let mut levels: Vec<Vec<Task>> =
             levels.into_iter().map(|l| l.iter().map(|t| t.task.clone()).collect()).collect();
         check_observed(&mut levels, observers.as_ref().map_or(0, |o| o.set.observers.len()))?;
-        let activation = activation_named(activation)?;
+        let activation = match activation {
+            "closest" => Activation::Closest,
+            "all" => Activation::All,
+            _ => return Err(bad(format!("activation is {activation:?}, expected closest or all"))),
+        };
         let watched = observers.map(|observers| (observers.set.clone(), activation));
         let settings = Settings { n_ik, max_step, damping, early_stop };
         Ok(Self { solver: FrameSolver::new(body, levels, limits, locked, watched, settings) })
@@ -177,26 +173,26 @@ impl PySolver {
         angular: Option<Table<'_>>,
         present: Option<Flags<'_>>,
     ) -> PyResult<()> {
-        let Some(watch) = &mut self.solver.watch else { return Err(bad("this solver has no observers".into())) };
-        let k = watch.obstacles.len();
+        let Some(monitor) = &mut self.solver.monitor else { return Err(bad("this solver has no observers".into())) };
+        let k = monitor.obstacles.len();
         let poses = obstacle_poses(k, &position, &quat, linear.as_ref(), angular.as_ref())?;
         let everywhere = vec![true; k];
         let present = present.as_ref().map_or(Ok(&everywhere[..]), |present| entries(present, k, "present"))?;
         for (i, (pose, present)) in poses.into_iter().zip(present).enumerate() {
-            watch.set_obstacle(i, pose, *present);
+            monitor.set_obstacle(i, pose, *present);
         }
         Ok(())
     }
 
     #[getter]
     fn observer_modes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
-        let modes = self.solver.watch.as_ref().map_or(vec![], |w| w.modes.iter().map(|m| *m as u8).collect());
+        let modes = self.solver.monitor.as_ref().map_or(vec![], |all| all.modes.iter().map(|m| *m as u8).collect());
         PyArray1::from_vec(py, modes)
     }
 
     #[getter]
     fn clearance(&mut self) -> (f64, f64) {
-        self.solver.watch.as_mut().map_or((f64::INFINITY, f64::INFINITY), |w| w.clearance())
+        self.solver.monitor.as_mut().map_or((f64::INFINITY, f64::INFINITY), |monitor| monitor.clearance())
     }
 
     #[getter]

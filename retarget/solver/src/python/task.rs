@@ -7,10 +7,10 @@ use crate::task::{Task, TaskKind};
 
 use pyo3::prelude::*;
 
-/// More are a mistake of the caller, and would only fill the memory.
+/// Most observers of a task. A larger number is an error of the caller, and would only fill the memory.
 const MOST_OBSERVERS: usize = 10_000;
 
-/// What is asked of the body; see `retarget/_solver.pyi`.
+/// A task of a body; see `retarget/_solver.pyi`.
 #[pyclass(name = "Task", module = "retarget._solver", frozen)]
 pub struct PyTask {
     pub task: Task,
@@ -34,7 +34,7 @@ fn few(max_edges: usize) -> PyResult<usize> {
     Ok(max_edges)
 }
 
-/// A task of observers; `of` by number, all of them where it is not given.
+/// A task of the observers with the numbers `of`, or of all.
 fn observers(reactive: bool, of: Option<Vec<usize>>, against: &str, speed: f64) -> PyResult<PyTask> {
     let (with_self, with_scene) = match against {
         "all" => (true, true),

@@ -5,7 +5,7 @@ use crate::trajectory::{MotionLimit, TrajectoryGenerator};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 
-/// rad, rad/s, rad/s^2: a greater number is not the state of a joint.
+/// Largest state of a joint, rad, rad/s and rad/s^2. A greater number is an error of the caller.
 const LARGEST: f64 = 1e6;
 
 /// See `retarget/_solver.pyi`.

@@ -1,21 +1,21 @@
-//! Playout: poses of many sensors, each with its own times, read at one time: interpolated, a little extrapolated, then held.
+//! Playout: poses of many sensors, each with its own times, read at one time. They are interpolated, briefly extrapolated, then held.
 
 use super::smooth::along_arc;
 use crate::math::{Quat, Vec3};
 
-/// The velocity that is extrapolated is that since a pose at least this much older (s): noise of 1 mm is then 0.05 m/s.
+/// The extrapolated velocity is that since a pose at least this much older (s). Noise of 1 mm is then 0.05 m/s.
 const BASELINE: f64 = 0.020;
-/// And at most this: an older pose does not show the velocity now.
+/// That pose is at most this much older (s), as an older one does not show the present velocity.
 const LONGEST: f64 = 0.200;
-/// No sensor is further (m) from the origin: such a position is not one.
+/// A position farther (m) from the origin is not valid.
 const FAR: f64 = 1e4;
-/// Time of a place that holds nothing.
+/// Time of an empty place.
 const EMPTY: f64 = f64::NEG_INFINITY;
 
-/// How a pose was found.
+/// The method by which a pose was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(i8)]
-pub enum How {
+pub enum Provenance {
     Nothing = 0,
     Interpolated = 1,
     Latest = 2,
@@ -23,7 +23,7 @@ pub enum How {
     Held = 4,
 }
 
-/// A pose as it is kept; a part that was not sent is NaN.
+/// A stored pose; a part that was not sent is NaN.
 #[derive(Clone, Copy, Debug)]
 struct Kept {
     time: f64,
@@ -31,16 +31,16 @@ struct Kept {
     orientation: Quat,
 }
 
-/// A place of the buffer that holds no pose.
+/// An empty place of the buffer.
 const NOTHING: Kept = Kept { time: EMPTY, position: [f64::NAN; 3], orientation: [f64::NAN; 4] };
 
-/// What became of a pose that was sent.
+/// Result of storing a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stored {
     Yes,
-    /// There was one at that time.
+    /// There is one of that time.
     Repeated,
-    /// It is older than all that is kept.
+    /// It is older than all stored ones.
     TooOld,
     /// It is not valid, or the sender has lost the sensor.
     Lost,
@@ -48,17 +48,17 @@ pub enum Stored {
 
 /// A sensor at one time.
 #[derive(Clone, Copy, Debug)]
-pub struct Shown {
+pub struct PlayoutPose {
     pub position: Vec3,
     pub orientation: Quat,
     pub valid: bool,
     pub age: f64,
-    pub how: How,
+    pub how: Provenance,
     pub time: f64,
 }
 
-/// The newest poses of one sensor in the order of their times, from `oldest` on round the ring. extrapolation: how long (s) it
-/// moves on with its last velocity.
+/// The newest poses of one sensor in the order of their times, from `oldest` on round the ring. extrapolation: time (s) for which it moves
+/// on with its last velocity.
 #[derive(Clone, Debug)]
 pub struct Track {
     ring: Vec<Kept>,
@@ -79,7 +79,7 @@ impl Track {
         (self.oldest, self.lost_since, self.shown) = (0, f64::INFINITY, [0.0; 4]);
     }
 
-    /// The place of the pose of a rank, from the oldest on.
+    /// Index of the pose of a rank, from the oldest on.
     fn place(&self, rank: usize) -> usize {
         let place = self.oldest + rank;
         if place < self.ring.len() {
@@ -93,7 +93,7 @@ impl Track {
         &self.ring[self.place(rank)]
     }
 
-    /// How many places hold a time for which `before` holds, of times in order; empty ones come first.
+    /// Number of places whose time satisfies `before`, which holds for the first ones only. Empty places come first.
     fn count(&self, before: impl Fn(f64) -> bool) -> usize {
         let (mut low, mut high) = (0, self.ring.len());
         while low < high {
@@ -107,12 +107,12 @@ impl Track {
         low
     }
 
-    /// Time of the newest pose, s; minus infinity where there is none.
+    /// Time of the newest pose, s; minus infinity without one.
     pub fn newest(&self) -> f64 {
         self.at_rank(self.ring.len() - 1).time
     }
 
-    /// Take a pose of a time, s. A part that is NaN throughout was not sent; any other that is not whole makes the pose invalid.
+    /// Store a pose of a time, s. A part of NaN only was not sent. Any other incomplete part makes the pose invalid.
     pub fn push(&mut self, time: f64, position: Vec3, orientation: Quat, valid: bool) -> Stored {
         let placed = position.iter().all(|x| x.abs() < FAR);
         let turned = orientation.iter().all(|x| x.abs() < 10.0) && orientation.iter().any(|x| x.abs() > 0.1);
@@ -156,27 +156,27 @@ impl Track {
     }
 
     /// The newest pose, at `now`.
-    pub fn latest(&mut self, now: f64) -> Shown {
+    pub fn latest(&mut self, now: f64) -> PlayoutPose {
         let pose = *self.at_rank(self.ring.len() - 1);
-        let how = if now - pose.time <= self.extrapolation { How::Latest } else { How::Held };
+        let how = if now - pose.time <= self.extrapolation { Provenance::Latest } else { Provenance::Held };
         self.show(pose, how, now, now)
     }
 
     /// The pose at a time `at`, s, that is not after `now`.
-    pub fn read(&mut self, at: f64, now: f64) -> Shown {
+    pub fn read(&mut self, at: f64, now: f64) -> PlayoutPose {
         let before = self.count(|time| time <= at);
         let (pose, how) = if before == self.ring.len() {
             self.beyond(at)
         } else if before == 0 || self.at_rank(before - 1).time == EMPTY {
-            (*self.at_rank(before), How::Latest) // playing has not reached the first pose
+            (*self.at_rank(before), Provenance::Latest) // playing has not reached the first pose
         } else {
-            (between(self.at_rank(before - 1), self.at_rank(before), at), How::Interpolated)
+            (between(self.at_rank(before - 1), self.at_rank(before), at), Provenance::Interpolated)
         };
         self.show(pose, how, at, now)
     }
 
-    /// The pose at a time from that of the newest one on.
-    fn beyond(&self, at: f64) -> (Kept, How) {
+    /// The pose at the time of the newest one, or later.
+    fn beyond(&self, at: f64) -> (Kept, Provenance) {
         let newest = self.at_rank(self.ring.len() - 1);
         let behind = self.count(|time| time <= newest.time - BASELINE);
         let first = if behind == 0 { &NOTHING } else { self.at_rank(behind - 1) };
@@ -184,33 +184,33 @@ impl Track {
         let end = newest.time + self.extrapolation;
         let time = if at < end { at } else { end };
         let how = match () {
-            () if time == newest.time => How::Latest,
-            () if at > end => How::Held,
-            () if moving => How::Extrapolated,
-            () => How::Latest,
+            () if time == newest.time => Provenance::Latest,
+            () if at > end => Provenance::Held,
+            () if moving => Provenance::Extrapolated,
+            () => Provenance::Latest,
         };
         (if moving { between(first, newest, time) } else { Kept { time, ..*newest } }, how)
     }
 
-    /// The pose, its quaternion on the side of the one shown last; not valid where none was sent or the sensor is lost.
-    fn show(&mut self, pose: Kept, how: How, at: f64, now: f64) -> Shown {
+    /// The result, with its quaternion in the hemisphere of the last one. It is not valid if no pose was sent or the sensor is lost.
+    fn show(&mut self, pose: Kept, how: Provenance, at: f64, now: f64) -> PlayoutPose {
         let cosine: f64 = pose.orientation.iter().zip(self.shown).map(|(x, y)| x * y).sum();
         let sign = if cosine < 0.0 { -1.0 } else { 1.0 };
         self.shown = pose.orientation.map(|x| sign * x);
         let newest = self.newest();
         let known = newest > EMPTY;
-        Shown {
+        PlayoutPose {
             position: pose.position,
             orientation: self.shown,
             valid: known && self.lost_since > at,
             age: (now - newest).max(0.0),
-            how: if known { how } else { How::Nothing },
+            how: if known { how } else { Provenance::Nothing },
             time: if known { pose.time } else { f64::NAN },
         }
     }
 }
 
-/// The pose at a time on the way from a through b, and beyond.
+/// The pose at a time on the line from a through b, and beyond.
 fn between(a: &Kept, b: &Kept, time: f64) -> Kept {
     let share = (time - a.time) / (b.time - a.time);
     Kept {

@@ -1,6 +1,6 @@
-//! What Python sees of the stream filters: whole frames of all sensors, one call each. See `retarget/_solver.pyi`.
+//! Python bindings of the stream filters: whole frames of all sensors, one call each. See `retarget/_solver.pyi`.
 
-use super::playout::{Shown, Stored, Track};
+use super::playout::{PlayoutPose, Stored, Track};
 use super::sensor_plan::{Column, Parts};
 use super::smooth::{Cutoffs, SmoothPose};
 use super::validity::{Limits, Sent, Validity, Verdict};
@@ -131,8 +131,8 @@ impl PyPoseRing {
 }
 
 impl PyPoseRing {
-    fn played<'py>(&mut self, py: Python<'py>, read: impl FnMut(&mut Track) -> Shown) -> PyResult<Played<'py>> {
-        let shown: Vec<Shown> = self.tracks.iter_mut().map(read).collect();
+    fn played<'py>(&mut self, py: Python<'py>, read: impl FnMut(&mut Track) -> PlayoutPose) -> PyResult<Played<'py>> {
+        let shown: Vec<PlayoutPose> = self.tracks.iter_mut().map(read).collect();
         let positions: Vec<_> = shown.iter().map(|one| one.position).collect();
         let orientations: Vec<_> = shown.iter().map(|one| one.orientation).collect();
         Ok((
@@ -197,7 +197,7 @@ impl PySensorPlan {
         let tracked = entries(&tracked, self.count, "tracked")?;
         let places: Vec<_> = self.columns.iter().map(|column| column.place(position, orientation)).collect();
         let turns: Vec<_> = self.columns.iter().map(|column| column.turn(orientation)).collect();
-        let marks = self.columns.iter().map(|column| column.is_tracked(tracked));
+        let marks = self.columns.iter().map(|column| column.point.or(column.segment).is_some_and(|at| tracked[at]));
         Ok((matrix(py, &places)?, matrix(py, &turns)?, PyArray1::from_iter(py, marks)))
     }
 }

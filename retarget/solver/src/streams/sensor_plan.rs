@@ -1,12 +1,12 @@
-//! Sensor plan: from the poses of a sender to the sensors of a performer.
+//! Sensor plan: the sensors of a performer from the poses of a sender.
 
 use crate::math::{mat_vec, quat_mul, quat_to_mat, sub, Quat, Vec3};
 
-/// A pose that is sent in parts (position here, rotation there) is put together from parts this near in time (s).
+/// A pose that is sent in parts (position and rotation in separate messages) is joined from parts this near in time (s).
 const PARTNER: f64 = 0.1;
 
-/// Where a sensor's pose is found. point, segment: columns of the frame, None where it has none. turn: what its orientation is
-/// multiplied by. offset: from the joint to the point that is sent, m, in the axes of that pose.
+/// Source of a sensor's pose. point, segment: columns of position and orientation in the frame, None if it has none. turn: factor of its
+/// orientation. offset: from the joint to the point that is sent, m, in the axes of that pose.
 #[derive(Clone, Copy, Debug)]
 pub struct Column {
     pub point: Option<usize>,
@@ -16,7 +16,7 @@ pub struct Column {
 }
 
 impl Column {
-    /// NaN where there is none.
+    /// Position, m; NaN without one.
     pub fn place(&self, position: &[Vec3], orientation: &[Quat]) -> Vec3 {
         match (self.point, self.offset) {
             (None, _) => [f64::NAN; 3],
@@ -25,14 +25,9 @@ impl Column {
         }
     }
 
-    /// NaN where there is none.
+    /// Orientation wxyz; NaN without one.
     pub fn turn(&self, orientation: &[Quat]) -> Quat {
         self.segment.map_or([f64::NAN; 4], |segment| quat_mul(orientation[segment], self.turn))
-    }
-
-    /// Whether the sender marks it as tracked.
-    pub fn is_tracked(&self, tracked: &[bool]) -> bool {
-        self.point.or(self.segment).is_some_and(|column| tracked[column])
     }
 }
 
@@ -50,7 +45,7 @@ impl Default for Parts {
 }
 
 impl Parts {
-    /// The pose; a part that was not sent is that which was sent just before.
+    /// The pose, in which a missing part is the one that was sent just before.
     pub fn complete(&mut self, time: f64, position: Vec3, orientation: Quat) -> (Vec3, Quat) {
         (part(&mut self.position, time, position), part(&mut self.orientation, time, orientation))
     }

@@ -3,10 +3,10 @@
 use crate::math::{quat_conj, quat_log, quat_mul, Quat, Vec3};
 use std::f64::consts::TAU;
 
-/// An arc shorter than this (rad, of quaternions) is taken as one of this length: the weights have their limits.
+/// A shorter arc (rad, of quaternions) is taken as one of this length, at which the weights have their limits.
 const SAME_ANGLE: f64 = 1e-8;
 
-/// The orientation on the short arc from a through b, at a share of the way, which may exceed 1. NaN spreads.
+/// The orientation on the short arc from a (share 0) through b (share 1), and beyond. NaN in, NaN out.
 pub fn along_arc(a: Quat, b: Quat, share: f64) -> Quat {
     let cosine = dot(a, b);
     let sign = 1.0_f64.copysign(cosine);
@@ -23,7 +23,7 @@ fn dot(a: Quat, b: Quat) -> f64 {
     a.iter().zip(&b).map(|(x, y)| x * y).sum()
 }
 
-/// Hz at rest; Hz by which the cutoff rises per unit of speed; Hz of the speed's own filter.
+/// Cutoff at rest, Hz; its rise per unit of speed, Hz; cutoff of the speed's own filter, Hz.
 #[derive(Clone, Copy, Debug)]
 pub struct Cutoffs {
     pub least: f64,
@@ -38,12 +38,11 @@ struct Filter {
     time: f64,
 }
 
-/// Before the first value.
+/// A filter before its first value.
 const FRESH: Filter = Filter { speed: [0.0; 3], time: f64::NAN };
 
 impl Filter {
-    /// The share (0 to 1) of the way from the filtered value to the new one, which is turn by `delta`. 0 where either is NaN
-    /// or time has not risen.
+    /// The share (0 to 1) of the step `delta` from the filtered value to the new one. 0 if a value is NaN or time has not risen.
     fn share(&mut self, cutoffs: &Cutoffs, time: f64, delta: Vec3) -> f64 {
         let dt = time - self.time;
         if time.is_nan() || delta.iter().any(|d| d.is_nan()) || dt <= 0.0 {
@@ -84,7 +83,7 @@ impl Default for SmoothPose {
 }
 
 impl SmoothPose {
-    /// The filtered position; NaN where none was sent, and then the state waits.
+    /// The filtered position; NaN if none was sent, and then the state stays.
     pub fn step_position(&mut self, cutoffs: &Cutoffs, time: f64, sent: Vec3) -> Vec3 {
         if time.is_nan() || sent.iter().any(|v| v.is_nan()) {
             return [f64::NAN; 3];
@@ -97,7 +96,7 @@ impl SmoothPose {
         self.position
     }
 
-    /// The filtered orientation; NaN where none was sent, and then the state waits.
+    /// The filtered orientation; NaN if none was sent, and then the state stays.
     pub fn step_orientation(&mut self, cutoffs: &Cutoffs, time: f64, sent: Quat) -> Quat {
         if time.is_nan() || sent.iter().any(|v| v.is_nan()) {
             return [f64::NAN; 4];

@@ -1,15 +1,15 @@
-//! Sensor validity: whether a pose may be used, and the state of each sensor.
+//! Sensor validity: a verdict on each pose, and the state of each sensor.
 //!
 //! A pose is judged by itself (finite, a rotation, inside the room, tracked by the sender) and by the speed from the last accepted
-//! pose of its sensor. A sensor is judged by the age of that pose, by whether it stays at an impossible place, and by whether it
+//! pose of its sensor. A sensor is stale if that pose is old, has jumped if it stays at an impossible place, and is frozen if it
 //! repeats one value while the others move. Every limit comes from `retarget.human.pose_validation.ValidityLimits`.
 
 use crate::math::{norm, square, sub, Quat, Vec3};
 
-/// Numbers that differ less (m, parts of a unit quaternion) are the same: an orientation that was composed of others in float32
-/// varies by 3e-7. The noise of an inertial sensor exceeds this within one sample, that of optical ones by far.
+/// Numbers within this (m, parts of a unit quaternion) are the same. An orientation that was composed of others in float32 varies by
+/// 3e-7. The noise of inertial sensors exceeds this within one sample, that of optical ones by far.
 const SAME: f64 = 1e-6;
-/// A place is much nearer to another one below this ratio of the distances.
+/// Ratio of the distances below which a place is much nearer to one point than to another.
 const MUCH_NEARER: f64 = 0.35;
 
 /// Lengths in m, times in s of capture; see `ValidityLimits`, whose fields these are.
@@ -56,7 +56,7 @@ pub enum State {
     OutOfRange = 5,
 }
 
-/// A pose of one sensor: its row, m, wxyz (NaN throughout where it has none), and whether the sender tracks it.
+/// A pose of one sensor: its row, position (m), orientation wxyz (NaN if it has none), and the sender's mark of tracking.
 #[derive(Clone, Copy, Debug)]
 pub struct Sent {
     pub row: usize,
@@ -65,9 +65,9 @@ pub struct Sent {
     pub tracked: bool,
 }
 
-/// A sensor at a place that no human can have reached: its last place there and when, and since when it goes on from there.
-/// swapped: how many poses put it at the place of its other side. Two of them are a swap at once. Other poses from there are only
-/// dropped until the last accepted pose of the sensor is old: most jumps come back.
+/// A sensor at a place that no human can have reached: its last place there, the time of that, and the time since which it moves on
+/// from there. swapped: number of poses at the place of its other side, of which two are a swap at once. Other poses there are only
+/// dropped until the last accepted pose of the sensor is old, as most jumps come back.
 #[derive(Clone, Copy, Debug)]
 struct Jump {
     place: Vec3,
@@ -76,9 +76,9 @@ struct Jump {
     swapped: u32,
 }
 
-/// One sensor. position, orientation, at: the last accepted pose and its time; place_changed, turn_changed: when they last changed,
-/// NaN where an orientation was never seen to change. mark, marked: the pose from which noticeable motion is measured, and when it
-/// was last left. resettled: whether the last jump ended at its new place.
+/// One sensor. position, orientation, at: the last accepted pose and its time. place_changed, turn_changed: times of the last changes,
+/// NaN if an orientation never changed. mark, marked: the pose from which noticeable motion is measured, and the time when it was last
+/// left. resettled: true if the last jump ended at its new place.
 #[derive(Clone, Copy, Debug)]
 pub struct Sensor {
     position: Vec3,
@@ -109,8 +109,8 @@ const UNKNOWN: Sensor = Sensor {
 };
 
 impl Sensor {
-    /// When its value last changed, s: its orientation where that was ever seen to change, for a lost tracker of a chain keeps its
-    /// orientation while its position is carried along; else its position.
+    /// Time of the last change of its value, s: of the orientation, if that ever changed, else of the position. A lost tracker of a chain
+    /// keeps its orientation while its position is carried along.
     fn changed(&self) -> f64 {
         if self.turn_changed.is_nan() {
             self.place_changed
@@ -119,7 +119,7 @@ impl Sensor {
         }
     }
 
-    /// How long it has repeated its value, s.
+    /// Time for which it has repeated its value, s.
     pub fn still_for(&self) -> f64 {
         self.at - self.changed()
     }
@@ -146,7 +146,7 @@ impl Sensor {
     }
 }
 
-/// Whether a number differs by more than `least`; false for NaN.
+/// True if a number differs by more than `least`; false for NaN.
 fn differ<const N: usize>(a: &[f64; N], b: &[f64; N], least: f64) -> bool {
     a.iter().zip(b).any(|(x, y)| (x - y).abs() > least)
 }
@@ -167,7 +167,7 @@ impl Validity {
         Self { sensors, others, limits, moving_since: f64::INFINITY, began: None }
     }
 
-    /// Judge the poses of one capture, each of another sensor, and keep what is accepted.
+    /// Judge the poses of one capture, each of another sensor, and store the accepted ones.
     pub fn take(&mut self, time: f64, capture: &[Sent]) -> Vec<Verdict> {
         let mut verdicts: Vec<_> = capture.iter().map(|sent| self.alone(sent)).collect();
         let reach = |sent: &Sent| self.reach(time, sent, capture);
@@ -183,7 +183,7 @@ impl Validity {
         verdicts
     }
 
-    /// A pose by itself. A position is needed; an orientation may be missing.
+    /// The verdict on a pose by itself. It needs a position; an orientation may be missing.
     fn alone(&self, sent: &Sent) -> Verdict {
         let limits = &self.limits;
         let missing = sent.orientation.iter().all(|x| x.is_nan());
@@ -204,15 +204,15 @@ impl Validity {
         self.limits.fastest * elapsed.max(self.limits.shortest_step)
     }
 
-    /// How far a sensor can have come since its last accepted pose, m: as far as the fastest human, or as far as the hardest
-    /// movement from rest where it is reported at the place of its other side, which is not reported at its own.
+    /// Most distance of a sensor from its last accepted pose, m, by the speed of the fastest human. A sensor that is reported at the place of
+    /// its other side, while that one is not there, is bounded by the hardest movement from rest.
     fn reach(&self, time: f64, sent: &Sent, capture: &[Sent]) -> f64 {
         let limits = &self.limits;
         let own = &self.sensors[sent.row];
         let elapsed = time - own.at;
         let Some(row) = self.others[sent.row] else { return self.by_speed(elapsed) };
         let other = &self.sensors[row];
-        // Comparisons with NaN, of a place that is not known, are false.
+        // Comparisons with NaN, for a place that is not known, are false.
         let nearer = |p: Vec3, to: Vec3, than: Vec3| norm(sub(p, to)) <= MUCH_NEARER * norm(sub(p, than));
         let left_its_own = match capture.iter().find(|sent| sent.row == row && sent.position[0].is_finite()) {
             Some(sent) => nearer(sent.position, own.position, other.position),
@@ -225,7 +225,7 @@ impl Validity {
         }
     }
 
-    /// Whether a human can have brought a sensor to a place within `reach`, m; keep the pose if it is the newest.
+    /// True if a human can have moved a sensor to a place within `reach`, m. The pose is stored if it is the newest.
     fn is_reached(&mut self, time: f64, sent: &Sent, reach: f64) -> bool {
         let limits = self.limits;
         let sensor = &self.sensors[sent.row];
@@ -234,17 +234,17 @@ impl Validity {
         let is_late = |elapsed: f64| (-limits.settled_after..=0.0).contains(&elapsed);
         let mut jump = match sensor.jump {
             Some(jump) if is_late(time - jump.last) => return false,
-            // It came before the last one, or twice: good enough to use, but not the last accepted pose.
+            // A pose older than the last one, or repeated: it may be used, but is not the last accepted pose.
             None if is_late(elapsed) => return away <= self.by_speed(0.0),
             None if elapsed > 0.0 && away > reach => Jump { place: sent.position, last: time, since: time, swapped: 0 },
-            // A clock that was set back starts anew, and nothing is known of a new sensor.
+            // A clock that was set back starts anew, and so does a new sensor.
             None => return self.accept(time, sent, false),
             Some(jump) => jump,
         };
         if time > jump.last {
             let (gap, on) = (time - jump.last, norm(sub(sent.position, jump.place)));
             let soon = (time - jump.since).min(limits.back_within);
-            // It jumps back: walking through its old place is none.
+            // It jumps back. Walking through its old place is no jump.
             if on > limits.swap && away < 0.5 * on && away <= self.by_speed(soon) {
                 return self.accept(time, sent, false);
             }
@@ -290,8 +290,8 @@ impl Validity {
         })
     }
 
-    /// A sensor is frozen when it repeats its value for `frozen_after` s in which the others move. A value that stays is suspect only
-    /// then: made motion without noise also stays. Repeats of one capture are no evidence.
+    /// Find frozen sensors, which repeat their value for `frozen_after` s in which the others move. Only then is a constant value suspect,
+    /// as synthetic motion without noise also rests. Repeats of one capture are no evidence.
     fn find_frozen(&mut self, now: f64) {
         let long = self.limits.frozen_after;
         let latest = self.sensors.iter().map(|sensor| sensor.at).fold(f64::NEG_INFINITY, f64::max);
@@ -302,7 +302,7 @@ impl Validity {
         }
     }
 
-    /// Whether most of the sensors change, seen from one that does not, and one of them by more than noise.
+    /// True if at least half of the recent sensors change, and one of them by more than noise.
     fn others_move(&self, now: f64) -> bool {
         let limits = &self.limits;
         let recent = self.sensors.iter().filter(|sensor| (now - sensor.at).abs() <= limits.stale_after);

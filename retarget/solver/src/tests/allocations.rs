@@ -58,7 +58,7 @@ fn allocations() -> u64 {
     COUNT.with(Cell::get)
 }
 
-/// How many allocations `work` makes.
+/// Number of allocations that `work` makes.
 fn counted(work: impl FnOnce()) -> u64 {
     let before = allocations();
     work();
@@ -251,12 +251,12 @@ fn no_frame_after_the_first_allocates_among_obstacles() {
         for t in 0..400 {
             let time = f64::from(t);
             shift += 0.02 * (0.2 * time).sin();
-            let watch = solver.watch.as_mut().unwrap();
-            (0..5).for_each(|k| watch.set_obstacle(k, ball_at(k, shift), true));
+            let monitor = solver.monitor.as_mut().unwrap();
+            (0..5).for_each(|k| monitor.set_obstacle(k, ball_at(k, shift), true));
             let goal = vec![0.6 * (0.05 * time).cos(), 0.8 * (0.03 * time).sin(), 0.0];
             let row = targets(&solver, &[vec![], vec![], goal, vec![0.0; 6]]);
             counts.push(counted(|| solver.frame(&row, 1.0, DT)));
-            let modes = &solver.watch.as_ref().unwrap().modes;
+            let modes = &solver.monitor.as_ref().unwrap().modes;
             for (count, mode) in both.iter_mut().zip([Mode::Preventive, Mode::Reactive]) {
                 *count += modes.iter().filter(|m| **m == mode).count();
             }
@@ -271,21 +271,21 @@ fn no_check_of_a_path_allocates_once_it_was_seen() {
     let (body, set) = among_obstacles();
     let columns: Vec<usize> = (0..6).collect();
     let mut checker = PathChecker::new(body, set, &columns, columns.clone(), vec![(1, [0.0; 3])]);
-    for (k, obstacle) in checker.stage.obstacles.iter_mut().enumerate() {
+    for (k, obstacle) in checker.scene.obstacles.iter_mut().enumerate() {
         *obstacle = ball_at(k, 0.1);
     }
     let random = &mut Random::new(2);
     let paths: Vec<Vec<f64>> = (0..80)
         .map(|_| {
-            let (from, way): (Vec<f64>, Vec<f64>) = (0..6).map(|_| (random.normal(), 0.8 * random.normal())).unzip();
+            let (from, change): (Vec<f64>, Vec<f64>) = (0..6).map(|_| (random.normal(), 0.8 * random.normal())).unzip();
             (0..18)
                 .flat_map(|row| (0..6).map(move |k| (row, k)))
-                .map(|(row, k)| from[k] + way[k] * row as f64 / 17.0)
+                .map(|(row, k)| from[k] + change[k] * row as f64 / 17.0)
                 .collect()
         })
         .collect();
-    let ask = (1.0, false);
-    let mut check = |path: &Vec<f64>| checker.is_clear(&path[..6], path, None, DT, ask);
+    let options = (1.0, false);
+    let mut check = |path: &Vec<f64>| checker.is_clear(&path[..6], path, None, DT, options);
     let clear = paths.iter().filter(|path| check(path)).count();
     assert!(clear > 5 && clear < 75, "{clear} of 80 paths are clear");
     let count = counted(|| {
@@ -294,7 +294,7 @@ fn no_check_of_a_path_allocates_once_it_was_seen() {
         });
     });
     assert_eq!(count, 0);
-    let looks = checker.stage.looks;
+    let looks = checker.scene.looks;
     assert!(looks > 500, "{looks} postures were looked at");
 }
 

@@ -1,10 +1,10 @@
-//! How far a vector is from a cone: non-negative least squares (Lawson and Hanson, "Solving Least Squares Problems", 1974).
+//! Distance of a vector from a cone: non-negative least squares (Lawson and Hanson, "Solving Least Squares Problems", 1974).
 
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
-/// Orthonormal vectors that span `rows`; what is below 1e-8 of unit length is nothing new.
+/// Orthonormal vectors that span `rows`. A part below 1e-8 of the length counts as dependent.
 pub fn basis(rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let mut found: Vec<Vec<f64>> = vec![];
     for row in rows {
@@ -20,7 +20,7 @@ pub fn basis(rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
     found
 }
 
-/// Take out of `v` what an orthonormal basis spans.
+/// Remove from `v` its part in the span of an orthonormal basis.
 pub fn without(v: &mut [f64], basis: &[Vec<f64>]) {
     for q in basis {
         let along = dot(v, q);
@@ -85,12 +85,12 @@ pub fn distance(b: &[f64], generators: &[Vec<f64>], free: &[Vec<f64>]) -> f64 {
         }
         loop {
             let chosen: Vec<&Vec<f64>> = used.iter().map(|k| &columns[*k]).collect();
-            let wanted = least_squares(&chosen, &b);
+            let desired = least_squares(&chosen, &b);
             // As far as none turns negative; an entry that reaches zero is out.
-            let stop = used.iter().zip(&wanted).filter(|(_, w)| **w <= 0.0).map(|(k, w)| x[*k] / (x[*k] - w));
+            let stop = used.iter().zip(&desired).filter(|(_, w)| **w <= 0.0).map(|(k, w)| x[*k] / (x[*k] - w));
             let share = stop.fold(1.0, f64::min);
             let share = if share.is_nan() { 0.0 } else { share };
-            for (k, w) in used.iter().zip(&wanted) {
+            for (k, w) in used.iter().zip(&desired) {
                 x[*k] += share * (w - x[*k]);
             }
             if share == 1.0 {

@@ -44,12 +44,12 @@ fn reach(s: &Solid, n: Vec3) -> f64 {
     }
 }
 
-/// How far n parts A from B: never more than their distance, whatever n is.
-fn parted(a: &Solid, b: &Solid, n: Vec3) -> f64 {
+/// Separation of A and B along n, never more than their distance.
+fn separation(a: &Solid, b: &Solid, n: Vec3) -> f64 {
     dot(n, sub(a.position, b.position)) - reach(a, scale(n, -1.0)) - reach(b, n)
 }
 
-/// How far a world point is out of a solid, at most `off` along any axis of it.
+/// Distance of a world point from a solid, at most `off` along any axis of it.
 fn is_within(s: &Solid, p: Vec3, off: f64) -> bool {
     let [x, y, z] = mat_t_vec(&s.rotation, sub(p, s.position));
     match s.shape {
@@ -188,8 +188,8 @@ fn cylinders_on_one_axis_and_beside_each_other() {
     }
 }
 
-/// A direction that parts two solids by as much as their points are apart proves the distance from below, the points from above. Where
-/// they overlap no direction parts them by more (is less deep).
+/// The separation along the normal proves the distance from below, the points prove it from above. If the solids overlap, no direction
+/// has a larger separation.
 #[test]
 fn every_distance_is_proved_by_its_direction_and_its_points() {
     let (mut apart, mut deep) = (0, 0);
@@ -198,7 +198,7 @@ fn every_distance_is_proved_by_its_direction_and_its_points() {
         let (a, b) = (random_solid(random), random_solid(random));
         let Nearest { distance, a: p, b: q, normal } = between(&a, &b);
         assert!((norm(normal) - 1.0).abs() < 1e-9, "seed {seed}");
-        let short = distance - parted(&a, &b, normal);
+        let short = distance - separation(&a, &b, normal);
         assert!(short.abs() < 1e-8, "seed {seed}: the direction parts them by {short:e} less than {distance}");
         assert!(norm(sub(sub(p, q), scale(normal, distance))) < 1e-8, "seed {seed}: a - b = distance * normal");
         if distance > 0.0 {
@@ -209,7 +209,7 @@ fn every_distance_is_proved_by_its_direction_and_its_points() {
         }
         for _ in 0..100 {
             let n = random.unit();
-            let more = parted(&a, &b, n) - distance;
+            let more = separation(&a, &b, n) - distance;
             assert!(more < 1e-9, "seed {seed}: {n:?} parts them by {more:e} more than {distance}");
         }
         assert!(gap_at_least(&a, &b) < distance + 1e-12, "seed {seed}");
@@ -237,14 +237,14 @@ fn both_ways_round_it_is_the_same() {
         let (a, b) = (random_solid(random), random_solid(random));
         let (there, back) = (between(&a, &b), between(&b, &a));
         assert!((there.distance - back.distance).abs() < 1e-9, "seed {seed}");
-        // Deep inside, two ways out may be as short as each other.
+        // Deep inside, two exits may be equally short.
         if there.distance > 1e-3 {
             assert!(norm(add(there.normal, back.normal)) < 1e-4, "seed {seed}: {there:?}, {back:?}");
         }
     }
 }
 
-/// No distance changes by more than its solids move: with what they turn by times their reach, at most.
+/// No distance changes by more than its solids move and turn, the turn times the reach.
 #[test]
 fn a_small_motion_changes_it_little() {
     let mut touched = 0;
@@ -254,13 +254,13 @@ fn a_small_motion_changes_it_little() {
         let mut turn = random.turn();
         a.rotation = quat_to_mat(turn);
         // Towards B, through it, and turning.
-        let (way, spin) = (scale(sub(b.position, a.position), 0.02), scale(random.unit(), 0.01));
+        let (motion, spin) = (scale(sub(b.position, a.position), 0.02), scale(random.unit(), 0.01));
         let mut before = between(&a, &b).distance;
         for step in 0..100 {
             turn = quat_unit(quat_mul(quat_exp(spin), turn));
-            (a.position, a.rotation) = (add(a.position, way), quat_to_mat(turn));
+            (a.position, a.rotation) = (add(a.position, motion), quat_to_mat(turn));
             let now = between(&a, &b).distance;
-            let most = norm(way) + norm(spin) * a.shape.reach();
+            let most = norm(motion) + norm(spin) * a.shape.reach();
             assert!((now - before).abs() <= most + 1e-8, "seed {seed}, step {step}: {before} to {now}, at most {most}");
             touched += usize::from(before * now <= 0.0);
             before = now;

@@ -5,9 +5,9 @@ use super::random::Random;
 use crate::hierarchy::{Outcome, Problem, Stages, BUDGET, LEAST_DAMPING};
 
 const SEEDS: u64 = 1500;
-/// As of a body of a metre in a frame of two iterations.
+/// Damping of a body of one metre, in a frame of two iterations.
 const DAMPING: f64 = 0.5;
-/// What is held counts as held within this.
+/// A limit counts as held within this.
 const HELD: f64 = 1e-8;
 
 /// A level: rows with their lower and upper limits.
@@ -66,7 +66,7 @@ fn random_level(random: &mut Random, n: usize, known: &mut Vec<Vec<f64>>) -> Lev
 }
 
 impl Hierarchy {
-    /// Of the first `count` levels.
+    /// The hierarchy of the first `count` levels.
     fn problem(&self, count: usize) -> Problem {
         let levels = &self.levels[..count];
         let mut problem = Problem::new(self.lo.len(), &levels.iter().map(Vec::len).collect::<Vec<_>>());
@@ -106,16 +106,16 @@ impl Hierarchy {
     }
 }
 
-/// How far a row is beyond its upper limit; negative: beyond its lower one.
+/// Distance of a row beyond its upper limit; negative: beyond its lower one.
 fn beyond((row, lower, upper): &(Vec<f64>, f64, f64), z: &[f64]) -> f64 {
     let value = dot(row, z);
     (value - upper).max(0.0) + (value - lower).min(0.0)
 }
 
-/// How far answers, of the first k levels for each k, are from meeting the first-order conditions of their last stage.
+/// Violation of the first-order conditions of the last stage by solutions of the first k levels, for each k.
 ///
-/// Stage k minimises half the squares of mu z and of its violations among points that keep what those above reached: targets, limits
-/// that hold, and those that are missed by no more. So minus its gradient is in the cone of the normals of what is held. Standing
+/// Stage k minimises half the squares of mu z and of its violations among points that keep the values of the levels above: targets,
+/// limits that hold, and those that are missed by no more. So minus its gradient is in the cone of the normals of held limits. Standing
 /// still is z = 0 here, so that the last stage of k levels changes nothing.
 fn unmet_conditions(hierarchy: &Hierarchy, answers: &[Vec<f64>]) -> f64 {
     let n = answers[0].len();
@@ -250,7 +250,7 @@ fn a_lower_level_takes_nothing_from_a_higher_one() {
             problem.damping = DAMPING;
             let mut stages = Stages::default();
             stages.solve(&mut problem, BUDGET);
-            // What a level reaches are its bounds from there on: they are those of before, and the answer keeps them.
+            // The values that a level reaches are its bounds from there on: those of before, which the solution keeps.
             let above = lower.len();
             assert!(stages.lower[..above] == lower && stages.upper[..above] == upper, "seed {seed}");
             for (r, (row, _, _)) in hierarchy.levels[..count].iter().flatten().enumerate() {

@@ -7,7 +7,7 @@ use crate::kinematics::Pose;
 use crate::math::*;
 
 const SEEDS: u64 = 200;
-/// Step of central differences, and how far they are off at most.
+/// Step of central differences, and their largest error.
 const STEP: f64 = 1e-5;
 const OFF: f64 = 1e-8;
 

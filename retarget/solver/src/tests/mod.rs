@@ -6,7 +6,7 @@
 mod allocations; // no frame after the first allocates
 mod arcs; // between orientations, against turns about an axis
 mod bodies; // bodies to try things on
-mod cone; // how far a vector is from a cone
+mod cone; // distance of a vector from a cone
 mod distances; // against closed forms, and proofs of optimality
 mod hierarchy; // strict, optimal, never infeasible, the same bits
 mod kernels; // the same bits for every processor

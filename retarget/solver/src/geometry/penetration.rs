@@ -1,8 +1,8 @@
-//! The shortest way out of an overlap: the direction of the largest (least negative) gap.
+//! The penetration of two overlapping cores: the direction of the largest (least negative) gap.
 //!
-//! The difference of two overlapping cores is left through a flat facet (two edges span it, or a disc is it), through a side that is
-//! curved one way (an edge sweeps a disc: `ridge`) or both ways (two discs: `curved`). Each kind gives its candidates;
-//! the best one is the answer, exactly, for every gap along a direction is a lower bound.
+//! The nearest surface of their difference is a flat facet (spanned by two edges, or a disc), a side that is curved once (an edge that
+//! sweeps a disc: `ridge`) or twice (two discs: `curved`). Each kind gives candidates. The best one is exact, as every gap along a
+//! direction is a lower bound.
 
 use super::difference::{Best, Difference};
 use crate::math::{add, add_scaled, cross, dot, norm, perpendicular, scale, Vec3};
@@ -10,15 +10,15 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Sine below which two edges span no facet.
 pub const PARALLEL: f64 = 1e-10;
-/// Of Newton's method on the sphere.
+/// Most steps of Newton's method on the sphere.
 const STEPS: usize = 30;
-/// Of one of its steps, while the gap does not grow.
+/// Most halvings of one of its steps, while the gap does not grow.
 const HALVINGS: usize = 12;
-/// A step (rad) after which Newton's method has converged.
+/// Newton's method has converged after a step this short, rad.
 const CLOSE: f64 = 1e-6;
-/// Directions tried for a way out between two discs.
+/// Directions that are tried between two discs.
 const STARTS: usize = 64;
-/// The best of them, which are followed.
+/// Number of the best of them, from which `climb` starts.
 const FOLLOWED: usize = 4;
 
 /// Uphill step in the tangent plane at n: Newton's, or along the slope where the gap is not concave.
@@ -55,7 +55,7 @@ fn moved(n: Vec3, basis: [Vec3; 2], x: f64, y: f64) -> Vec3 {
     scale(there, 1.0 / norm(there))
 }
 
-/// The unit direction near n from which no small step enlarges the gap; with `edge`, of those across it.
+/// The unit direction near n (with `edge`: and across it) from which no small step enlarges the gap.
 pub fn climb(m: &Difference, mut n: Vec3, edge: Option<Vec3>) -> Vec3 {
     let mut gap = m.gap(n);
     for _ in 0..STEPS {
@@ -84,7 +84,7 @@ pub fn climb(m: &Difference, mut n: Vec3, edge: Option<Vec3>) -> Vec3 {
     n
 }
 
-/// Ways out where two discs bend the side both ways: climb from the best of directions spread over the sphere.
+/// Candidates on a side that two discs curve twice: climb from the best of directions spread over the sphere.
 fn curved(m: &Difference, best: &mut Best) {
     if m.discs().len() < 2 {
         return;
@@ -107,7 +107,7 @@ fn curved(m: &Difference, best: &mut Best) {
     for (_, n) in found {
         best.consider(m, climb(m, n, None));
     }
-    // Between the normals of discs that are nearly parallel there is little room, and no start.
+    // Nearly parallel discs have little room between their normals, and no start there.
     let (first, second) = (m.discs()[0].axis, m.discs()[1].axis);
     let second = scale(second, 1f64.copysign(dot(first, second)));
     for share in [0.1, 0.3, 0.5, 0.7, 0.9] {
@@ -118,11 +118,11 @@ fn curved(m: &Difference, best: &mut Best) {
     best.consider(m, climb(m, best.normal, None));
 }
 
-/// Parts into which every smooth arc is cut to find where the slope turns.
+/// Parts into which every smooth arc is cut to find the zeros of the slope.
 const PARTS: usize = 4;
-/// From an end of an arc, where the slope jumps, to where it is read (share of the arc).
+/// Inset from the ends of an arc, at which the slope jumps, as a share of the arc.
 const INSET: f64 = 1e-9;
-/// Ends of arcs: two of the half circle, one for each other edge, two for each disc.
+/// Most ends of arcs: two of the half circle, one for each other edge, two for each disc.
 const MOST: usize = 2 + 5 + 4;
 
 /// The half of the circle across an edge that looks towards A.
@@ -206,7 +206,7 @@ fn ridge(m: &Difference, edge: usize, best: &mut Best) {
     debug_assert!(ends[count - 1] - ends[0] <= PI + 1e-9);
 }
 
-/// Facets only: all there is for segments and boxes.
+/// The best facet; segments and boxes have no other sides.
 pub fn flat(m: &Difference) -> Best {
     let mut best = Best::none();
     for disc in m.discs() {
@@ -224,8 +224,8 @@ pub fn flat(m: &Difference) -> Best {
     best
 }
 
-/// All candidates.
-pub fn way_out(m: &Difference) -> Best {
+/// The best of all candidates.
+pub fn penetration(m: &Difference) -> Best {
     let mut best = flat(m);
     if !m.discs().is_empty() {
         for edge in 0..m.edges().len() {

@@ -1,11 +1,11 @@
-//! A capsule (ball, line) and a box or a cylinder: where a segment is nearest to a convex solid, the zero of a slope that never falls,
-//! between places where its formula changes.
+//! Distance of a capsule (ball, line) from a box or a cylinder. The nearest point of a segment to a convex solid is the zero of a slope
+//! that never falls, between knots at which its formula changes.
 
 use super::contact::{apart, meet};
 use super::difference::Difference;
 use super::half_space::PARALLEL;
+use super::penetration::{penetration, refined};
 use super::solid::{Nearest, Scratch, Shape, Solid};
-use super::way_out::{refined, way_out};
 use crate::math::{add_scaled, dot, mat_t_vec, mat_vec, norm, sub, Vec3};
 
 /// Places on a segment, in order; its ends are the first and the last.
@@ -23,12 +23,12 @@ enum Zero {
 }
 
 impl Knots {
-    /// Of the segment from -length to length; room for six more.
+    /// The knots of a segment from -length to length; room for six more.
     fn new(length: f64) -> Self {
         Self { t: [-length; 8], count: 1, length }
     }
 
-    /// Ignored where it is not strictly inside (or no number).
+    /// Insert a knot; ignored if it is NaN or not strictly inside.
     fn insert(&mut self, t: f64) {
         if !(t.abs() < self.length) {
             return;
@@ -42,8 +42,8 @@ impl Knots {
         self.count += 1;
     }
 
-    /// `slope` gives, at a place, half the derivative of the squared distance and the squared distance itself. Where all of a range is
-    /// nearest, the answer is its middle.
+    /// `slope` gives half the derivative of the squared distance, and the squared distance itself. If a whole range is nearest, its middle
+    /// is returned.
     #[inline(always)]
     fn zero(mut self, slope: impl Fn(f64) -> (f64, f64)) -> Zero {
         self.t[self.count] = self.length;
@@ -74,19 +74,19 @@ const TOUCHING: f64 = 1e-8;
 /// Below this (m) a difference of points gives no direction.
 pub const NO_DIRECTION: f64 = 1e-10;
 
-/// How far the point p is out of a box, along each axis.
+/// Vector from the nearest point of a box to p.
 fn out_of_box(p: Vec3, half: Vec3) -> Vec3 {
     [p[0] - p[0].clamp(-half[0], half[0]), p[1] - p[1].clamp(-half[1], half[1]), p[2] - p[2].clamp(-half[2], half[2])]
 }
 
-/// How far the point p is out of a cylinder, as a vector.
+/// Vector from the nearest point of a cylinder to p.
 fn out_of_cylinder(p: Vec3, radius: f64, half_length: f64) -> Vec3 {
     let across = (p[0] * p[0] + p[1] * p[1]).sqrt();
     let over = if across > radius { 1.0 - radius / across } else { 0.0 };
     [p[0] * over, p[1] * over, p[2] - p[2].clamp(-half_length, half_length)]
 }
 
-/// Where the segment p + t axis, |t| <= length, is nearest to a box; the middle, where it is so over a range.
+/// The t at which the segment p + t axis, |t| <= length, is nearest to a box; the middle of a range.
 fn nearest_to_box(p: Vec3, axis: Vec3, length: f64, half: Vec3) -> f64 {
     let mut knots = Knots::new(length);
     for k in 0..3 {
@@ -105,7 +105,7 @@ fn nearest_to_box(p: Vec3, axis: Vec3, length: f64, half: Vec3) -> f64 {
     }
 }
 
-/// The same of a cylinder.
+/// The same for a cylinder.
 fn nearest_to_cylinder(p: Vec3, axis: Vec3, length: f64, radius: f64, half_length: f64) -> f64 {
     let mut knots = Knots::new(length);
     knots.insert((half_length - p[2]) / axis[2]);
@@ -126,8 +126,8 @@ fn nearest_to_cylinder(p: Vec3, axis: Vec3, length: f64, radius: f64, half_lengt
     }
 }
 
-/// `solid` is a box or a cylinder.
-pub fn capsule_and(capsule: &Solid, solid: &Solid, scratch: &mut Scratch) -> Nearest {
+/// Nearest points of a capsule and a box or a cylinder.
+pub fn capsule_solid(capsule: &Solid, solid: &Solid, scratch: &mut Scratch) -> Nearest {
     let Shape::Capsule { half_length: length, radius } = capsule.shape else { unreachable!("called with a capsule") };
     let p = mat_t_vec(&solid.rotation, sub(capsule.position, solid.position));
     let axis = mat_t_vec(&solid.rotation, capsule.axis());
@@ -146,8 +146,8 @@ pub fn capsule_and(capsule: &Solid, solid: &Solid, scratch: &mut Scratch) -> Nea
     };
     let core_distance = norm(out);
     if core_distance < TOUCHING {
-        let best = way_out(&Difference::new(capsule, solid, &solid.rotation));
-        // A corner or an edge that is all but touched is no facet: its direction is the difference, while there is one.
+        let best = penetration(&Difference::new(capsule, solid, &solid.rotation));
+        // A corner or an edge is no facet: close to it the difference is the direction, while there is one.
         if core_distance < NO_DIRECTION || best.gap > core_distance - NO_DIRECTION {
             let normal = mat_vec(&solid.rotation, best.normal);
             return meet(capsule, solid, normal, best.gap - radius, scratch).0;

@@ -1,8 +1,8 @@
-//! The observers of one solver at work: what is known of each pair, and how near it may come.
+//! The state of every pair of one solver: its mode, bounds of its distance, and its least distance.
 
-use super::law::{damped_floor, way_out, Mode};
+use super::law::{contact_floor, damped_floor, Mode};
 use super::rest::Rest;
-use super::set::{Mover, ObserverSet, ObstaclePose, Other};
+use super::set::{Mover, ObserverSet, ObstaclePose, Other, Pair};
 use super::task::{Activation, ObserverTask};
 use crate::body::Body;
 use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Solid};
@@ -14,25 +14,24 @@ use std::sync::Arc;
 pub struct PairState {
     pub mode: Mode,
     pub nearest: Nearest,
-    /// Distance that it shall have at the end of the frame (of the iteration, where only the closest act).
+    /// Least distance at the end of the frame (of the iteration, if only the closest act), m.
     pub floor: f64,
-    /// Bounds of the distance, from when it was last looked at.
+    /// Bounds of the distance since it was last measured, m.
     pub at_least: f64,
     pub at_most: f64,
-    /// How far it may still come nearer in this frame, at least; exact where it was looked at.
+    /// Distance by which it may still come nearer in this frame, m: a lower bound, exact once it is measured.
     pub budget: f64,
-    /// Its floor is that of the distance at the start of this frame.
+    /// True if the floor follows from the distance at the start of this frame.
     pub has_floor: bool,
-    /// It was looked at in the present posture.
+    /// True if it was measured in the present posture.
     pub is_fresh: bool,
     pub has_row: bool,
-    /// Where its sides are nearest in the postures of rest, and in which of them; None: far enough apart there, or none is
-    /// foreseen.
+    /// Nearest points in a posture of rest, and its index; None if the pair is far enough apart there, or no rest is foreseen.
     pub at_rest: Option<(Nearest, usize)>,
     /// Its nearest points in the frames of both sides, and those before, if they were elsewhere.
     pub witness: Option<(Vec3, Vec3)>,
     pub before: Option<(Vec3, Vec3)>,
-    /// One of its rows limited the last solve.
+    /// True if one of its rows limited the last solve.
     pub held: bool,
 }
 
@@ -45,12 +44,12 @@ pub struct Approach {
     pub moved: f64,
 }
 
-/// Observers at work. Nothing is allocated after it is made.
-pub struct Watch {
+/// The monitor of all pairs of a solver. Nothing is allocated after it is made.
+pub struct PairMonitor {
     pub set: Arc<ObserverSet>,
     pub activation: Activation,
     pub tasks: Vec<ObserverTask>,
-    /// Tasks that a pair's rows belong to, before contact and in contact.
+    /// The first tasks that look at a pair, before contact and in contact. Its rows belong to them.
     pub task_of: Vec<(Option<usize>, Option<usize>)>,
     /// Movers of each pair that are not locked, and their columns.
     pub movers: Vec<Vec<(Mover, usize)>>,
@@ -59,28 +58,28 @@ pub struct Watch {
     pub pairs: Vec<PairState>,
     /// Pairs within influence in the posture looked at last.
     pub near: Vec<usize>,
-    /// What each observer did in the last frame, and in the one that runs so far.
+    /// Mode of each observer in the last frame, and so far in the present one.
     pub modes: Vec<Mode>,
     modes_now: Vec<Mode>,
     /// Violation of each task's rows, m.
     pub violation: Vec<f64>,
     pub(super) dt: f64,
-    /// Share of a frame that one iteration is.
+    /// Share of one iteration in a frame.
     pub(super) iteration: f64,
     pub(super) approaching: Vec<Approach>,
     pub(super) solids: Vec<Solid>,
     pub(super) fixtures: Vec<Solid>,
-    /// Observers and obstacles where they were when the frame began.
+    /// Observers and obstacles at the start of the frame.
     pub(super) start: (Vec<Solid>, Vec<Solid>),
     pub rest: Rest,
-    /// A step like the one to come: the last one of this frame, or all of the frame before.
+    /// Prediction of the next step: the last one of this frame, or all of the frame before.
     pub(super) expected: Vec<f64>,
-    /// Pairs for which the smallest task has rows.
+    /// Number of pairs for which the smallest task has rows.
     pub(super) most_pairs: usize,
     pub(super) scratch: Scratch,
 }
 
-impl Watch {
+impl PairMonitor {
     pub fn new(
         set: Arc<ObserverSet>,
         tasks: Vec<ObserverTask>,
@@ -88,7 +87,8 @@ impl Watch {
         columns: &[Option<usize>],
         body: &Body,
     ) -> Self {
-        let task_of = set.pairs.iter().map(|p| ObserverTask::of_pair(&tasks, p)).collect();
+        let first = |p: &Pair, reactive| tasks.iter().position(|t| t.reactive == reactive && t.looks_at(p));
+        let task_of = set.pairs.iter().map(|p| (first(p, false), first(p, true))).collect();
         let movers = set
             .pairs
             .iter()
@@ -121,7 +121,7 @@ impl Watch {
         }
     }
 
-    /// Nothing is known of the posture.
+    /// Forget the posture.
     pub fn reset(&mut self) {
         for k in 0..self.pairs.len() {
             self.forget(k);
@@ -131,7 +131,7 @@ impl Watch {
         self.modes_now.fill(Mode::Free);
     }
 
-    /// Nothing is known of a pair any more.
+    /// Forget the distance of a pair.
     pub(super) fn forget(&mut self, k: usize) {
         let state = &mut self.pairs[k];
         (state.at_least, state.at_most) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -139,7 +139,7 @@ impl Watch {
         (state.held, state.witness, state.before) = (false, None, None);
     }
 
-    /// Obstacles go on to where they are when the frame ends, in which coordinates went by `done`.
+    /// End the frame, in which coordinates moved by `done`: move obstacles on.
     pub fn finish(&mut self, done: &[f64]) {
         self.expected.copy_from_slice(done);
         for obstacle in &mut self.obstacles {
@@ -149,13 +149,13 @@ impl Watch {
         self.modes_now.fill(Mode::Free);
     }
 
-    /// An obstacle comes nearer iteration by iteration, so that none may be left out.
+    /// True if an obstacle comes nearer in each iteration, so that none may be left out.
     pub fn needs_every_iteration(&self) -> bool {
         let moves = |k: &usize| matches!(self.set.pairs[*k].other, Other::Obstacle(o) if self.obstacles[o].moves());
         self.activation != Activation::All && self.near.iter().any(moves)
     }
 
-    /// Smallest distance between observers, and of one to an obstacle; infinite beyond influence.
+    /// Smallest distances (m) between observers, and of one to an obstacle; infinite beyond influence.
     pub fn clearance(&mut self) -> (f64, f64) {
         let mut least = (f64::INFINITY, f64::INFINITY);
         for (k, pair) in self.set.pairs.iter().enumerate() {
@@ -172,12 +172,12 @@ impl Watch {
         least
     }
 
-    /// A pair of observers, or with an obstacle that is there.
+    /// True for a pair of observers, and for one with an obstacle that is present.
     pub(super) fn is_there(&self, k: usize) -> bool {
         !matches!(self.set.pairs[k].other, Other::Obstacle(o) if !self.present[o])
     }
 
-    /// What a pair does next at this distance.
+    /// The next mode of a pair at this distance.
     pub(super) fn mode_at(&self, k: usize, distance: f64) -> Mode {
         match self.pairs[k].mode.next(distance, self.set.pairs[k].influence) {
             Mode::Reactive if self.task_of[k].1.is_none() => Mode::Preventive,
@@ -185,7 +185,7 @@ impl Watch {
         }
     }
 
-    /// A pair is below what was asked of it by `depth`, m.
+    /// Count a pair that is below its floor by `depth`, m.
     pub(super) fn violates(&mut self, k: usize, depth: f64) {
         let (prevents, reacts) = self.task_of[k];
         let task = if self.pairs[k].mode == Mode::Reactive { reacts } else { prevents };
@@ -194,7 +194,7 @@ impl Watch {
         }
     }
 
-    /// Both observers of a pair are in this mode.
+    /// Report a mode for the observers of a pair.
     pub(super) fn note(&mut self, pair: usize, mode: Mode) {
         let pair = &self.set.pairs[pair];
         self.modes_now[pair.observer] = self.modes_now[pair.observer].max(mode);
@@ -203,17 +203,17 @@ impl Watch {
         }
     }
 
-    /// Least distance of a pair after `dt` s, if its distance were this.
+    /// Least distance of a pair after `dt` s from this distance.
     pub(super) fn floor_from(&self, k: usize, distance: f64, dt: f64) -> f64 {
         let (pair, state) = (&self.set.pairs[k], &self.pairs[k]);
         match (state.mode, self.task_of[k]) {
-            (Mode::Reactive, (_, Some(task))) => way_out(distance, pair.margin, self.tasks[task].speed, dt),
+            (Mode::Reactive, (_, Some(task))) => contact_floor(distance, pair.margin, self.tasks[task].speed, dt),
             (_, (Some(task), _)) => damped_floor(distance, pair.influence, pair.margin, self.tasks[task].speed, dt),
             _ => f64::NEG_INFINITY,
         }
     }
 
-    /// How far an obstacle's surface comes at the observer of a pair in the iteration to come, along the normal, m.
+    /// Motion of an obstacle's surface towards the observer of a pair in the next iteration, along the normal, m.
     pub(super) fn drift(&self, k: usize) -> f64 {
         let (pair, state) = (&self.set.pairs[k], &self.pairs[k]);
         let Other::Obstacle(o) = pair.other else { return 0.0 };

@@ -1,26 +1,26 @@
-//! Boxes and cylinders among themselves.
+//! Distances of boxes and cylinders.
 
-use super::capsule_and::NO_DIRECTION;
+use super::capsule_solid::NO_DIRECTION;
 use super::contact::{meet, MISS};
 use super::difference::{Best, Difference, BETTER};
 use super::gjk::{nearest_apart, Apart};
+use super::penetration::{climb, flat, penetration, PARALLEL};
 use super::solid::{Nearest, Scratch, Solid};
-use super::way_out::{climb, flat, way_out, PARALLEL};
 use crate::math::{across, add, add_scaled, cross, dot, mat_vec, norm, scale, Vec3, IDENTITY};
 
-/// A direction whose gap is not less than this (m) below the distance of points that were found is as good as they are.
+/// A direction is as good as the nearest points if its gap is within this (m) of their distance.
 const SAME: f64 = 1e-12;
-/// On round sides the iteration finds a direction to about the root of its tolerance: edges that may be across it, as a sine.
+/// Sine within which an edge may be across the direction found: on round sides it is known to about the root of the tolerance.
 const NEARLY_ACROSS: f64 = 1e-2;
-/// Share of the distance to which polytopes and round sides are iterated.
+/// Tolerance of the iteration for polytopes and round sides, as a share of the distance.
 const EXACT: f64 = 1e-14;
-/// The same of cylinders: `settled` takes the direction on from there.
+/// The same for cylinders, whose direction `settled` refines.
 const ROUND: f64 = 1e-8;
 
-/// Sine below which the products of the table have lost digits, and the gap is worked out from the direction.
+/// Sine below which the products of axes have lost digits, and the gap is computed from the direction.
 const NEARLY_PARALLEL: f64 = 1e-3;
 
-/// The largest gap of two boxes along the directions of `way_out::flat`; `m` is in the frame of the first. These are the fifteen along
+/// The largest gap of two boxes along the directions of `penetration::flat`; `m` is in the frame of the first. These are the fifteen along
 /// which two boxes can be kept apart: faces, and edge across edge (Gottschalk, Lin, Manocha, 1996).
 fn separating(m: &Difference) -> Best {
     let edges = m.edges();
@@ -82,7 +82,7 @@ fn settled(m: &Difference, start: Vec3) -> Best {
     best
 }
 
-/// The points that the iteration found, with the direction between them.
+/// The result of the iteration as nearest points.
 fn of_points(a: &Solid, found: &Apart) -> Nearest {
     let distance = norm(found.point);
     let normal = mat_vec(&a.rotation, scale(found.point, 1.0 / distance));
@@ -95,7 +95,7 @@ fn boxes(a: &Solid, b: &Solid, m: &Difference, scratch: &mut Scratch) -> Nearest
     let facet = separating(m);
     let apart = if facet.gap > 0.0 { nearest_apart(m, facet.normal, EXACT) } else { None };
     match apart {
-        // No face keeps them as far apart as they are: corners or edges are nearest.
+        // No face direction gives the distance: corners or edges are nearest.
         Some(found) if norm(found.point) > NO_DIRECTION && facet.gap < norm(found.point) - SAME => {
             let points = of_points(a, &found);
             let (middle, miss) = meet(a, b, points.normal, points.distance, scratch);
@@ -115,14 +115,14 @@ fn round(a: &Solid, b: &Solid, m: &Difference, scratch: &mut Scratch) -> Nearest
     let along = |best: &Best, scratch: &mut Scratch| meet(a, b, mat_vec(&a.rotation, best.normal), best.gap, scratch);
     let found = match nearest_apart(m, facet.normal, ROUND) {
         Some(found) if norm(found.point) > NO_DIRECTION => found,
-        _ => return along(&way_out(m), scratch).0,
+        _ => return along(&penetration(m), scratch).0,
     };
     let best = settled(m, scale(found.point, 1.0 / norm(found.point)));
     let (points, miss) = along(if facet.gap >= best.gap - SAME { &facet } else { &best }, scratch);
     if miss <= MISS {
         return points;
     }
-    // Nearly parallel rims and sides: the direction does not determine the points. The iteration may, unless they all but touch.
+    // Nearly parallel rims and sides: the direction does not determine the points. The iteration may, unless they nearly touch.
     match nearest_apart(m, facet.normal, EXACT) {
         Some(found) if norm(found.point) - m.gap(scale(found.point, 1.0 / norm(found.point))) < miss => {
             of_points(a, &found)
@@ -131,7 +131,7 @@ fn round(a: &Solid, b: &Solid, m: &Difference, scratch: &mut Scratch) -> Nearest
     }
 }
 
-pub fn bulky(a: &Solid, b: &Solid, scratch: &mut Scratch) -> Nearest {
+pub fn box_cylinder(a: &Solid, b: &Solid, scratch: &mut Scratch) -> Nearest {
     let m = Difference::new(a, b, &a.rotation);
     if m.discs().is_empty() {
         boxes(a, b, &m, scratch)

@@ -1,23 +1,23 @@
-//! A path of postures in time: rows of joint values, straight in joint space between them; and lever arms: how far from a joint the
-//! farthest point of an observer can ever be, whatever the posture.
+//! A path of postures in time: rows of joint values, straight in joint space between them. And lever arms: the greatest distance
+//! from a joint to a point of an observer in any posture.
 
 use super::set::{arm, dof_joint, Observer, ObserverSet, Other, Pair};
 use crate::body::{Body, JointKind};
 use crate::math::Vec3;
 
 #[derive(Default)]
-pub struct Way {
+pub struct TimedPath {
     movers: usize,
     pub rows: usize,
     /// (rows, movers)
     values: Vec<f64>,
-    /// How far each joint has gone until each row, (rows, movers).
+    /// Length of the path of each joint up to each row, (rows, movers).
     gone: Vec<f64>,
-    /// Last row at which anything still moves in: from it on the path rests.
+    /// Last row before which anything moves.
     pub end: usize,
 }
 
-impl Way {
+impl TimedPath {
     /// Take over rows of values; at least one.
     pub fn load(&mut self, values: &[f64], movers: usize) {
         (self.movers, self.rows, self.end) = (movers, values.len() / movers, 0);
@@ -34,7 +34,7 @@ impl Way {
         }
     }
 
-    /// Values at a time in rows, into the entries `columns` of a posture.
+    /// Write the values at a time in rows into the entries `columns` of a posture.
     pub fn at(&self, time: f64, columns: &[usize], q: &mut [f64]) {
         let (row, share) = self.place(time);
         let (before, after) = (&self.values[row * self.movers..], &self.values[self.next(row) * self.movers..]);
@@ -43,14 +43,14 @@ impl Way {
         }
     }
 
-    /// How far a joint has gone until a time in rows.
+    /// Length of the path of a joint up to a time in rows.
     pub fn gone(&self, mover: usize, time: f64) -> f64 {
         let (row, share) = self.place(time);
         let (before, after) = (self.gone[row * self.movers + mover], self.gone[self.next(row) * self.movers + mover]);
         before + share * (after - before)
     }
 
-    /// Largest size that a joint's value has on the way.
+    /// Largest absolute value of a joint on the path.
     pub fn largest(&self, mover: usize) -> f64 {
         self.values.iter().skip(mover).step_by(self.movers).fold(0.0, |a: f64, v| a.max(v.abs()))
     }
@@ -65,47 +65,47 @@ impl Way {
     }
 }
 
-/// What the joints do on a stretch of a path. Nothing here needs the posture.
+/// Motion of the joints on a stretch of a path. Nothing here needs the posture.
 #[derive(Default)]
 pub struct Stretch {
-    /// How far each joint goes.
+    /// Length of the path of each joint.
     gone: Vec<f64>,
-    /// Most that each is off the straight line in joint space from one end to the other.
+    /// Most deviation of each joint from the straight line in joint space between the ends.
     off: Vec<f64>,
-    /// s from one end to the other.
+    /// Time from one end to the other, s.
     pub time: f64,
 }
 
 impl Stretch {
     /// Between two times in rows, `dt` s each.
-    pub fn load(&mut self, way: &Way, from: f64, to: f64, dt: f64) {
+    pub fn load(&mut self, path: &TimedPath, from: f64, to: f64, dt: f64) {
         self.time = (to - from) * dt;
         self.gone.clear();
-        self.gone.extend((0..way.movers).map(|k| way.gone(k, to) - way.gone(k, from)));
+        self.gone.extend((0..path.movers).map(|k| path.gone(k, to) - path.gone(k, from)));
         self.off.clear();
-        self.off.resize(way.movers, 0.0);
+        self.off.resize(path.movers, 0.0);
         let all: f64 = self.gone.iter().sum();
         if to - from <= 1.0 || all == 0.0 {
             return;
         }
-        let (first, last) = (from as usize * way.movers, to as usize * way.movers);
+        let (first, last) = (from as usize * path.movers, to as usize * path.movers);
         for row in (from as usize + 1)..to as usize {
-            let k = row * way.movers;
-            let gone: f64 = (0..way.movers).map(|m| way.gone[k + m] - way.gone[first + m]).sum();
+            let k = row * path.movers;
+            let gone: f64 = (0..path.movers).map(|m| path.gone[k + m] - path.gone[first + m]).sum();
             for (m, off) in self.off.iter_mut().enumerate() {
-                let (a, b) = (way.values[first + m], way.values[last + m]);
-                *off = off.max((way.values[k + m] - a - gone / all * (b - a)).abs());
+                let (a, b) = (path.values[first + m], path.values[last + m]);
+                *off = off.max((path.values[k + m] - a - gone / all * (b - a)).abs());
             }
         }
     }
 
-    /// Most that the joints of these arms move one side against the other, m. Arms that turn are longer by `stretch`.
+    /// Bound of the motion of one side against the other by the joints of these arms, m. Arms that turn are longer by `stretch`.
     pub fn motion(&self, arms: &[Arm], stretch: f64) -> f64 {
         arms.iter().map(|arm| arm.at_most(stretch) * self.gone[arm.mover]).sum()
     }
 
-    /// Most by which a point is off its straight line on the stretch, m: the acceleration of points is at most 2 S s where joints
-    /// turn by S in all and points move by s, and so is eight times the bend of a straight line in joint space.
+    /// Bound of the deviation of a point from its straight line on the stretch, m. If joints turn by S in all and points move by s, the
+    /// acceleration of points is at most 2 S s, and so is eight times the bend of a straight line in joint space.
     pub fn bend(&self, arms: &[Arm], stretch: f64) -> f64 {
         let (mut turned, mut moved, mut off) = (0.0, 0.0, 0.0);
         for arm in arms {
@@ -118,19 +118,19 @@ impl Stretch {
     }
 }
 
-/// How one joint moves one side of a pair against the other.
+/// Lever arm of one joint that moves one side of a pair against the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arm {
-    /// Which of the joints that move on a path.
+    /// Index among the joints that move on a path.
     pub mover: usize,
-    /// Most that a point of the pair moves against the other side, m per rad (m per m for a slide).
+    /// Most motion of a point of the pair against the other side, m per rad (m per m for a slide).
     pub length: f64,
-    /// A turn: a slide between the joint and the point makes its arm longer.
+    /// True for a turn, whose arm a slide between the joint and the point makes longer.
     pub turns: bool,
 }
 
 impl Arm {
-    /// Its length where slides on the way are drawn out by `stretch` m.
+    /// Its length if the slides in between are extended by `stretch` m.
     pub fn at_most(&self, stretch: f64) -> f64 {
         self.length + if self.turns { stretch } else { 0.0 }
     }
@@ -138,20 +138,20 @@ impl Arm {
 
 /// The arms of every pair.
 pub struct Arms {
-    /// Of pairs of observers.
+    /// Arms of pairs of observers.
     among: Vec<Vec<Arm>>,
-    /// Of each observer against the ground, for each sole that may be planted.
+    /// Arms of each observer against the ground, for each sole that may be planted.
     around: Vec<Vec<Vec<Arm>>>,
-    /// Longest arm of each joint, to see at once that a pair is far away.
+    /// Longest arm of each joint, a quick test for pairs that are far away.
     pub longest: Vec<f64>,
-    /// Joints that slide, and their values at rest.
+    /// Slides that move on a path, and their sizes at rest.
     pub slides: Vec<(usize, f64)>,
-    /// The same of slides that no path moves: their places in a posture.
-    still: Vec<(usize, f64)>,
+    /// Index in a posture of other slides, and their sizes at rest.
+    pub still: Vec<(usize, f64)>,
 }
 
 impl Arms {
-    /// movers: velocity coordinates of the joints that move; what is not among them stands still.
+    /// movers: velocity coordinates of the joints that move. All others stand still.
     pub fn new(body: &Body, set: &ObserverSet, movers: &[usize], soles: &[(usize, Vec3)]) -> Self {
         let stands = if soles.is_empty() { vec![0] } else { soles.iter().map(|s| s.0).collect() };
         let between = |p: &Pair| match p.other {
@@ -173,11 +173,6 @@ impl Arms {
         Self { among, around, longest, slides, still }
     }
 
-    /// How far slides that no path moves are drawn out at most in posture `q`, m.
-    pub fn drawn_still(&self, q: &[f64]) -> f64 {
-        self.still.iter().map(|(address, rest)| q[*address].abs() + rest).sum()
-    }
-
     /// Arms of a pair while a sole is planted.
     pub fn of(&self, set: &ObserverSet, pair: usize, planted: usize) -> &[Arm] {
         if pair < set.self_pairs {
@@ -188,11 +183,11 @@ impl Arms {
     }
 }
 
-/// Arms of the joints that part an observer from another, or from the ground on which the link `foot` stands.
+/// Arms of the joints that move an observer against another, or against the ground on which the link `foot` stands.
 fn parting(body: &Body, movers: &[usize], first: &Observer, second: Option<&Observer>, foot: usize) -> Vec<Arm> {
     let (ours, theirs) = (&body.links[first.link].chain, &body.links[second.map_or(foot, |o| o.link)].chain);
     let arm_of = |(mover, &dof): (usize, &usize)| {
-        // What turns with the joint: the observer behind it; the ground reaches any distance, so the observer on it instead.
+        // The joint turns the observer behind it. The ground has no bounds, so an observer on it is taken instead.
         let seen = if ours.contains(&dof) { first } else { second.unwrap_or(first) };
         let turns = !body.dof_linear[dof];
         Arm { mover, length: if turns { arm(body, dof, seen) } else { 1.0 }, turns }

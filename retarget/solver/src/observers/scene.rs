@@ -1,41 +1,41 @@
-//! Where observers and obstacles are while a robot goes along a path, and how far pairs are apart.
+//! Poses of observers and obstacles at one time of a path, and distances of pairs.
 //!
-//! A robot on its feet turns and shifts with its joints, because the planted foot stays. Distances depend on relative motion only: the
-//! body is left where its root was, and the obstacles are placed relative to the foot.
+//! A robot on its feet turns and shifts with its joints, because the planted foot stays. Distances depend on relative motion only, so the
+//! root stays in place, and the obstacles are placed relative to the foot.
 
 use super::set::{place_obstacles, ObserverSet, ObstaclePose, Other};
-use super::way::Way;
+use super::timed_path::TimedPath;
 use crate::body::Body;
 use crate::geometry::{extreme, gap_at_least, nearest, Scratch, Shape, Solid};
 use crate::kinematics::Pose;
 use crate::math::*;
 use std::sync::Arc;
 
-pub struct Stage {
+pub struct PathScene {
     pub body: Arc<Body>,
     pub set: Arc<ObserverSet>,
-    /// Where the values of a path stand in a posture.
+    /// Index in a posture of each value of a path.
     pub columns: Vec<usize>,
     /// Link and point of every sole that may be planted; none for a robot whose root stays.
     pub soles: Vec<(usize, Vec3)>,
-    /// The sole that is planted: the lower one.
+    /// Index of the planted sole, the lower one.
     pub planted: usize,
     pub obstacles: Vec<ObstaclePose>,
     /// Seconds between rows.
     pub dt: f64,
-    /// Postures looked at since construction.
+    /// Postures computed since construction.
     pub looks: u64,
     foot: (Vec3, Quat),
     q: Vec<f64>,
     pose: Pose,
     solids: Vec<Solid>,
     fixtures: Vec<Solid>,
-    /// Of each pair of observers, the last link that both hang on; an obstacle's is the ground.
+    /// The last link that both sides of a pair of observers hang on; None (the ground) for a pair with an obstacle.
     bases: Vec<Option<usize>>,
     scratch: Scratch,
 }
 
-impl Stage {
+impl PathScene {
     pub fn new(body: Arc<Body>, set: Arc<ObserverSet>, columns: Vec<usize>, soles: Vec<(usize, Vec3)>) -> Self {
         Self {
             planted: 0,
@@ -56,7 +56,7 @@ impl Stage {
         }
     }
 
-    /// The robot stands in posture `q`: its lower sole stays where it is there.
+    /// Stand in posture `q`, whose lower sole is planted.
     pub fn stand(&mut self, q: &[f64]) {
         self.q.copy_from_slice(q);
         if self.soles.is_empty() {
@@ -74,9 +74,9 @@ impl Stage {
         self.foot = (self.pose.position[link], self.pose.quat[link]);
     }
 
-    /// Put everything where it is at a time in rows.
-    pub fn place(&mut self, way: &Way, time: f64) {
-        way.at(time, &self.columns, &mut self.q);
+    /// Place everything at a time in rows.
+    pub fn place(&mut self, path: &TimedPath, time: f64) {
+        path.at(time, &self.columns, &mut self.q);
         self.body.forward(&self.q, &mut self.pose);
         self.set.place(&self.pose, &mut self.solids);
         self.looks += 1;
@@ -89,21 +89,21 @@ impl Stage {
         }
     }
 
-    /// A distance that the pair is not below.
+    /// A lower bound of the distance of a pair, m.
     pub fn gap(&self, pair: usize) -> f64 {
         let (a, b) = self.both(pair);
         gap_at_least(a, b)
     }
 
-    /// Signed distance of a pair, m, and the direction that opens it, in the pair's base.
+    /// Signed distance of a pair, m, and the direction that separates it, in the pair's base.
     pub fn nearest(&mut self, pair: usize) -> (f64, Vec3) {
         let (a, b) = self.set.sides(pair, &self.solids, &self.fixtures);
         let found = nearest(a, b, &mut self.scratch);
         (found.distance, mat_t_vec(&self.pose.rotation[self.base(pair)], found.normal))
     }
 
-    /// How far a pair is parted along a direction in its base, m: never more than its distance.
-    pub fn parted(&self, pair: usize, direction: Vec3) -> f64 {
+    /// Separation of a pair along a direction in its base, m: never more than its distance.
+    pub fn separation(&self, pair: usize, direction: Vec3) -> f64 {
         let (a, b) = self.both(pair);
         if b.shape == Shape::HalfSpace {
             return gap_at_least(a, b); // the distance itself
@@ -111,13 +111,13 @@ impl Stage {
         let n = mat_vec(&self.pose.rotation[self.base(pair)], direction);
         let length = norm(n);
         if length < 0.5 {
-            return f64::NEG_INFINITY; // no direction is known
+            return f64::NEG_INFINITY; // no direction is known so far
         }
         let n = scale(n, 1.0 / length);
         dot(n, sub(a.position, b.position)) - extreme(a, scale(n, -1.0)).0 - extreme(b, n).0
     }
 
-    /// The link in which directions of a pair stay: what both sides hang on.
+    /// The link that both sides of a pair hang on, in which its directions are fixed.
     fn base(&self, pair: usize) -> usize {
         match self.bases[pair] {
             Some(link) => link,
@@ -138,7 +138,7 @@ impl Stage {
     pub fn obstacle_speed(&self, pair: usize, motion: f64, time: f64) -> f64 {
         let Some(obstacle) = self.moving(pair) else { return 0.0 };
         let (a, b) = self.both(pair);
-        // Of a half-space it is nearest right below the observer.
+        // The nearest point of a half-space is right below the observer.
         let below = norm(sub(a.position, b.position)) + a.shape.reach() + motion + norm(obstacle.linear) * time;
         norm(obstacle.linear) + norm(obstacle.angular) * b.shape.reach().min(below)
     }
