@@ -23,56 +23,48 @@ from hardware.realtime import (
     refuse_scheduling,
     scheduled,
 )
-from messages import refuses
+from messages import mentions, refuses
 
 
-class Kernel:
-    """A scheduler that permits, or does not, and remembers."""
+def kernel(monkeypatch: pytest.MonkeyPatch, *, error: OSError | None = None) -> list[tuple[int, int]]:
+    """A scheduler that permits, or does not, and the policies and priorities that it was given."""
+    calls: list[tuple[int, int]] = []
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, error: OSError | None = None) -> None:
-        self.calls: list[tuple[int, int]] = []
-        self._error = error
-        monkeypatch.setattr(os, "sched_setscheduler", self._set)
+    def schedule(pid: int, policy: int, parameter: os.sched_param) -> None:
+        if error is not None and policy & os.SCHED_FIFO:
+            raise error
+        calls.append((policy, parameter.sched_priority))
 
-    def _set(self, pid: int, policy: int, parameter: os.sched_param) -> None:
-        if self._error is not None and policy & os.SCHED_FIFO:
-            raise self._error
-        self.calls.append((policy, parameter.sched_priority))
+    monkeypatch.setattr(os, "sched_setscheduler", schedule)
+    return calls
 
 
 def test_priority_and_core_are_had_and_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    kernel, cores = Kernel(monkeypatch), os.sched_getaffinity(0)
+    calls, cores = kernel(monkeypatch), os.sched_getaffinity(0)
     core = min(cores)
     with scheduled(Scheduling(priority=USUAL_PRIORITY, core=core)):
-        assert kernel.calls == [(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, USUAL_PRIORITY)]
+        assert calls == [(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, USUAL_PRIORITY)]
         assert os.sched_getaffinity(0) == {core}
-    assert kernel.calls[-1] == (os.sched_getscheduler(0), os.sched_getparam(0).sched_priority)
+    assert calls[-1] == (os.sched_getscheduler(0), os.sched_getparam(0).sched_priority)
     assert os.sched_getaffinity(0) == cores
 
 
 def test_what_is_not_permitted_is_refused_with_how_to_permit_it(monkeypatch: pytest.MonkeyPatch) -> None:
     cores = os.sched_getaffinity(0)
-    Kernel(monkeypatch, error=PermissionError(1, "Operation not permitted"))
+    kernel(monkeypatch, error=PermissionError(1, "Operation not permitted"))
     with pytest.raises(HardwareError) as refused:
         refuse_scheduling(Scheduling(priority=40, core=min(cores)))
-    for word in ("--realtime: ", "not permitted", "limits.d", "LimitRTPRIO", "leave --realtime out"):
-        assert word in str(refused.value)
+    mentions(refused.value, "--realtime: ", "not permitted", "limits.d", "LimitRTPRIO", "leave --realtime out")
     assert os.sched_getaffinity(0) == cores
 
 
-@pytest.mark.parametrize("priority", [0, -1, 100])
-def test_a_priority_that_does_not_exist_is_refused(priority: int) -> None:
-    with refuses(HardwareError, "--realtime", 1, 99):
-        refuse_scheduling(Scheduling(priority=priority))
-
-
-@pytest.mark.parametrize("core", [-1, 1023, 10**12])
-def test_a_core_that_does_not_exist_is_refused(core: int) -> None:
-    with refuses(HardwareError, "--core", varies=re.compile(r"allowed: [^.]*")):
-        refuse_scheduling(Scheduling(core=core))
-
-
-def test_nothing_asked_changes_nothing() -> None:
+def test_a_priority_or_a_core_that_does_not_exist_is_refused_and_nothing_asked_changes_nothing() -> None:
+    for priority in (0, -1, 100):
+        with refuses(HardwareError, "--realtime", 1, 99):
+            refuse_scheduling(Scheduling(priority=priority))
+    for core in (-1, 1023, 10**12):
+        with refuses(HardwareError, "--core", varies=re.compile(r"allowed: [^.]*")):
+            refuse_scheduling(Scheduling(core=core))
     before = os.sched_getscheduler(0), os.sched_getaffinity(0)
     with scheduled(Scheduling()):
         assert (os.sched_getscheduler(0), os.sched_getaffinity(0)) == before
@@ -137,28 +129,24 @@ def test_stamps_of_the_wall_clock_come_onto_the_monotonic_one() -> None:
     assert before - 0.01 <= stamp + wall_to_monotonic() * 1e-9 <= after + 0.01
 
 
-PERIOD = 0.01
-
-
-def paced(pauses: list[float], period: float = PERIOD) -> list[bool]:
-    """Whether it is behind at each tick after the first, by pauses in periods."""
-    timing, now, behind = TickTiming(period), 5.0, []
+@pytest.mark.parametrize(
+    ("pauses", "behind"),
+    [
+        ([1.0, 1.3, 1.5, 1.0, 1.5, 1.0], [False] * 6),
+        ([1.6, 1.6, 1.6, 1.0, 1.6], [False, True, True, False, False]),
+        ([1.4, 1.4, 1.4, 1.0], [False, False, True, False]),
+        ([1.3] * 50, [False] * 50),
+    ],
+)
+def test_one_late_tick_is_no_harm_two_are_and_a_little_again_and_again_adds_up(
+    pauses: list[float], behind: list[bool]
+) -> None:
+    timing, now = TickTiming(0.01), 5.0
     assert timing.begin(now) == 0.0
-    for pause in pauses:
-        now += pause * PERIOD
-        assert timing.begin(now) == pytest.approx(pause * PERIOD)
-        behind.append(timing.behind)
-    return behind
-
-
-def test_one_late_tick_is_no_harm_and_two_are() -> None:
-    assert paced([1.0, 1.3, 1.5, 1.0, 1.5, 1.0]) == [False] * 6
-    assert paced([1.6, 1.6, 1.6, 1.0, 1.6]) == [False, True, True, False, False]
-
-
-def test_what_is_a_little_late_again_and_again_adds_up() -> None:
-    assert paced([1.4, 1.4, 1.4, 1.0]) == [False, False, True, False]
-    assert paced([1.3] * 50) == [False] * 50
+    for pause, expected in zip(pauses, behind, strict=True):
+        now += pause * 0.01
+        assert timing.begin(now) == pytest.approx(pause * 0.01)
+        assert timing.behind == expected
 
 
 # The benchmark of lateness: what counts as late, and a robot at its rate.

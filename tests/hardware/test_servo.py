@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus_rig import four_servos
-from emulated import answered, read_register, servo2, write_register
+from emulated import answered, read_register, servo2, shown, write_register
 from hardware.dynamixel.codec import ALERT, Error2, Instruction
 from hardware.errors import HardwareError
 from hardware.servo import (
@@ -63,15 +63,12 @@ def test_each_problem_is_found(joints: tuple[str, str], matrix: Matrix, text: st
     assert text in problem
 
 
-def test_torque_on_goes_to_the_old_goal() -> None:
+def test_torque_on_goes_to_the_old_goal_and_a_goal_switches_it_on_in_that_drive_mode_only() -> None:
     servo = servo2(position=1000.0)
     write_register(servo, "goal_position", 3000)
     assert read_register(servo, "present_position", 1.0) == 1000
     write_register(servo, "torque_enable", 1, 1.0)
     assert read_register(servo, "present_position", 3.0) == 3000
-
-
-def test_a_goal_switches_torque_on_in_that_drive_mode_only() -> None:
     for mode, torque in ((0, 0), (8, 1)):
         servo = servo2()
         write_register(servo, "drive_mode", mode)
@@ -86,18 +83,14 @@ def test_many_turns_and_the_way_back_to_one() -> None:
     assert write_register(servo, "goal_position", 10000) == 0
     assert read_register(servo, "present_position", 20.0) == 10000
     assert answered(servo, Instruction.CLEAR, bytes.fromhex("0144584c22"), 20.0) == (0, b"")
-    assert (
-        read_register(servo, "present_position", 21.0)
-        == 10000 - 2 * 4096
-        == read_register(servo, "goal_position", 21.0)
-    )
+    assert shown(servo, 21.0, "present_position", "goal_position") == (10000 - 2 * 4096,) * 2
     write_register(servo, "goal_position", 10000, 21.0)
     assert answered(servo, Instruction.CLEAR, bytes.fromhex("0144584c22"), 22.0).error == Error2.RESULT_FAIL
     read_register(servo, "present_position", 40.0)
     write_register(servo, "torque_enable", 0, 40.0)
     write_register(servo, "operating_mode", 3, 40.0)
-    assert read_register(servo, "present_position", 40.0) == 10000 - 2 * 4096
-    assert read_register(servo, "goal_position", 40.0) == 4095  # pulled inside its limits
+    # The goal is pulled inside its limits.
+    assert shown(servo, 40.0, "present_position", "goal_position") == (10000 - 2 * 4096, 4095)
 
 
 def test_an_error_latches_until_reboot() -> None:
@@ -112,11 +105,6 @@ def test_an_error_latches_until_reboot() -> None:
     assert servo.booting(2.1) and not servo.booting(2.21)
     assert servo.execute(Instruction.PING, b"", 2.1, broadcast=False) is None
     assert write_register(servo, "torque_enable", 1, 2.3) == 0
-
-
-def test_an_unknown_model_lists_the_known_ones() -> None:
-    with refuses(HardwareError, "'XM430'", "XM430-W350"):
-        find_model("XM430")
 
 
 @pytest.mark.parametrize(
@@ -140,20 +128,23 @@ def test_an_unknown_model_lists_the_known_ones() -> None:
 )
 def test_servo_each_problem_is_found(change: dict[str, float], text: str) -> None:
     (problem,) = replace(four_servos()[0], **change).problems()  # type: ignore[arg-type]
-    assert "shoulder" in problem
-    assert text in problem
+    assert "shoulder" in problem and text in problem
+
+
+def test_an_unknown_model_lists_the_known_ones() -> None:
+    with refuses(HardwareError, "'XM430'", "XM430-W350"):
+        find_model("XM430")
 
 
 @pytest.mark.parametrize(
-    ("column", "mode", "text"),
+    ("mode", "text"),
     [
-        (3, ServoMode.EXTENDED_POSITION, "AX-12A has no mode extended_position"),
-        (3, ServoMode.CURRENT_BASED_POSITION, "AX-12A limits no current"),
+        (ServoMode.EXTENDED_POSITION, "AX-12A has no mode extended_position"),
+        (ServoMode.CURRENT_BASED_POSITION, "AX-12A limits no current"),
     ],
 )
-def test_modes_that_a_model_has_not(column: int, mode: ServoMode, text: str) -> None:
-    problems = replace(four_servos()[column], mode=mode, current_limit=1.0).problems()
-    assert any(text in problem for problem in problems)
+def test_modes_that_a_model_has_not(mode: ServoMode, text: str) -> None:
+    assert any(text in problem for problem in replace(four_servos()[3], mode=mode, current_limit=1.0).problems())
 
 
 DT, LAG = 0.008, 0.045
@@ -184,6 +175,10 @@ def test_one_that_is_stuck_is_off_by_all_that_it_should_have_gone() -> None:
     off = played(goals, [0.0] * len(goals))
     assert off[:6] == [0.0] * 6 and off[-1] == pytest.approx(-200.0, abs=0.1)
     assert off[6] == pytest.approx(-200.0 * (1.0 - np.exp(-DT / LAG)))
+    expected = ExpectedRange(np.array([LAG]))
+    expected.error(0.0, np.array([0]), np.array([0]))
+    expected.forget()  # what is forgotten begins at its goal
+    assert expected.error(1.0, np.array([400]), np.array([380])).tolist() == [-20.0]
 
 
 def test_at_an_even_speed_it_may_be_anywhere_from_its_lag_to_the_goal() -> None:
@@ -192,13 +187,6 @@ def test_at_an_even_speed_it_may_be_anywhere_from_its_lag_to_the_goal() -> None:
     for ahead in (0.0, 0.5, 1.0):
         positions = [goal - (1.0 - ahead) * speed * LAG / DT for goal in goals]
         assert abs(played(goals, positions)[-1]) <= speed  # what one tick makes
-
-
-def test_what_is_forgotten_begins_at_its_goal() -> None:
-    expected = ExpectedRange(np.array([LAG]))
-    expected.error(0.0, np.array([0]), np.array([0]))
-    expected.forget()
-    assert expected.error(1.0, np.array([400]), np.array([380])).tolist() == [-20.0]
 
 
 def test_a_shaft_is_as_stiff_as_its_gain() -> None:

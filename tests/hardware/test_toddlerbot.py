@@ -19,13 +19,11 @@ from retarget.model.robot import load_profile
 Array = NDArray[np.float64]
 
 # Zero pose: joint anchors in the base frame, m, and axes, as published.
-MIDDLE = {
+PLACES = {
     "neck_yaw": ((-0.0005, 0, 0.124), (0, 0, 1)),
     "neck_pitch": ((-0.0005, 0.004, 0.139), (0, 1, 0)),
     "waist_yaw": ((-0.0165, 0, -0.0025), (0, 0, 1)),
     "waist_roll": ((0.0065, 0, -0.0165), (1, 0, 0)),
-}
-SIDES = {
     "left_hip_pitch": ((-0.0162, 0.018, -0.0646), (0, 1, 0)),
     "left_hip_roll": ((0.0028, 0.037, -0.0886), (1, 0, 0)),
     "left_hip_yaw": ((-0.0162, 0.037, -0.1216), (0, 0, -1)),
@@ -69,11 +67,6 @@ def both(left: dict[str, float]) -> dict[str, float]:
     return left | {f"right_{name}": angle if name in SAME_SIGN else -angle for name, angle in right.items()}
 
 
-def shafts(roll: float, yaw: float) -> Array:
-    """Angles (2,) rad of the servos 2 and 3, by the makers' formula."""
-    return np.array([-roll / 0.29166667 + yaw / 0.20833333, roll / 0.29166667 + yaw / 0.20833333]) / 2.0
-
-
 @cache
 def body() -> PosedBody:
     return PosedBody(load_profile("toddlerbot"))
@@ -84,15 +77,7 @@ def joint_map() -> JointMap:
     return JointMap(body().profile.servo_specs())
 
 
-def legal(random: np.random.Generator, rows: int) -> Array:
-    """Postures (rows, n) inside all limits, many joints at one of them."""
-    ends = joint_map()
-    inside = random.uniform(ends.lower, ends.upper, (rows, len(ends)))
-    at_end = np.where(random.random(inside.shape) < 0.5, ends.lower, ends.upper)
-    return np.where(random.random(inside.shape) < 0.25, at_end, inside)
-
-
-@pytest.mark.parametrize(("joint", "place"), [*MIDDLE.items(), *SIDES.items()])
+@pytest.mark.parametrize(("joint", "place"), PLACES.items())
 def test_anchor_and_axis_at_the_zero_pose(joint: str, place: tuple[tuple[float, ...], tuple[float, ...]]) -> None:
     anchor, axis = body().pose({}).anchor(joint)
     np.testing.assert_allclose(anchor, place[0], atol=6e-5)  # published with four decimals
@@ -125,7 +110,8 @@ def test_ticks_of_the_waist(roll: float, yaw: float, ticks: tuple[int, int]) -> 
     joints = np.zeros(30)
     joints[2:4] = roll, yaw
     assert tuple(joint_map().to_ticks(joints)[2:4]) == ticks
-    assert tuple(np.rint(2048 + shafts(roll, yaw) / TICK)) == ticks
+    shafts = np.array([-roll / 0.29166667 + yaw / 0.20833333, roll / 0.29166667 + yaw / 0.20833333]) / 2.0
+    assert tuple(np.rint(2048 + shafts / TICK)) == ticks, "by the makers' formula"
 
 
 @pytest.mark.parametrize(
@@ -140,9 +126,9 @@ def test_ticks_of_the_waist(roll: float, yaw: float, ticks: tuple[int, int]) -> 
     ],
 )
 def test_ticks_of_a_geared_joint(joint: str, angle: float, tick: int) -> None:
-    joints = np.zeros(30)
-    joints[joint_map().joints.index(joint)] = angle
-    assert joint_map().to_ticks(joints)[joint_map().joints.index(joint)] == tick
+    joints, place = np.zeros(30), joint_map().joints.index(joint)
+    joints[place] = angle
+    assert joint_map().to_ticks(joints)[place] == tick
 
 
 def test_a_waist_beyond_its_servos_is_refused() -> None:
@@ -163,7 +149,10 @@ def test_pairs_that_are_not_checked_cannot_touch() -> None:
              for pair in pairs]  # fmt: skip
     assert all(ours and theirs for ours, theirs in geoms)
     assert len(pairs) == 14
-    for posture in legal(random, 400):
+    ends = joint_map()
+    inside = random.uniform(ends.lower, ends.upper, (400, len(ends)))
+    at_end = np.where(random.random(inside.shape) < 0.5, ends.lower, ends.upper)  # many joints at a limit
+    for posture in np.where(random.random(inside.shape) < 0.25, at_end, inside):
         posed = body().pose(dict(zip(joint_map().joints, posture.tolist(), strict=True)))
         for pair, (ours, theirs) in zip(pairs, geoms, strict=True):
             for one, other in product(ours, theirs):

@@ -9,51 +9,39 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bus_rig import bus_of, four_servos, spec, waist_servos
-from hardware.bus import BusSpec
 from hardware.dynamixel.checks import NO_SECONDARY_ID, complaints, needed_ticks, notes, profile_values
 from hardware.dynamixel.settings import ServoImage, Setting, SetupRequest, differing, eeprom_settings, plan, settings_of
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode, ServoSpec
 from messages import shows
 from sim.emulator.robot_lines import devices_of
-from sim.emulator.servo2 import EmulatedServo
-
-PLAIN = spec(1)
 
 
-def said(mode: ServoMode = ServoMode.POSITION, **values: int) -> list[str]:
-    (one,) = devices_of([PLAIN], protocols={"main": 2})
-    assert isinstance(one, EmulatedServo)
-    memory = one.memory
-    for name, value in {"present_input_voltage": 120, **values}.items():
-        memory.put(name, value)
-    image = ServoImage(one.table, bytes(memory.image[: one.table["present_temperature"].end]))
-    servo = replace(PLAIN, mode=mode, current_limit=1.0)
-    return complaints(servo, bus_of([PLAIN]), image, needed_ticks(JointMap([servo]))["j1"])
+def servo_of(model: str, protocol: int = 2, **values: int) -> tuple[ServoSpec, ServoImage]:
+    """A servo as delivered at 12 V, but for these registers, and what they hold."""
+    servo = spec(1, model)
+    (one,) = devices_of([servo], protocols={"main": protocol})
+    one.memory.put("present_voltage" if protocol == 1 else "present_input_voltage", 120)
+    for name, value in values.items():
+        one.memory.put(name, value)
+    last = "lock" if protocol == 1 else "present_temperature"
+    return servo, ServoImage(one.table, bytes(one.memory.image[: one.table[last].end]))
+
+
+def said(servo: ServoSpec, image: ServoImage) -> list[str]:
+    bus = bus_of([servo], protocol=image.table.protocol)
+    return complaints(servo, bus, image, needed_ticks(JointMap([servo]))[servo.joint])
 
 
 @pytest.mark.parametrize(("volts", "fine"), [(94, False), (95, True), (160, True), (161, False)])
 def test_the_supply_is_held_against_the_servo_s_own_limits(volts: int, fine: bool) -> None:
-    assert (said(present_input_voltage=volts) == []) == fine
-
-
-def _image(model: str, protocol: int, **values: int) -> tuple[ServoSpec, BusSpec, ServoImage]:
-    servo = spec(1, model)
-    (one,) = devices_of([servo], protocols={"main": protocol})
-    for name, value in values.items():
-        one.memory.put(name, value)
-    last = "lock" if protocol == 1 else "present_temperature"
-    volts = "present_voltage" if protocol == 1 else "present_input_voltage"
-    one.memory.put(volts, 120)
-    image = ServoImage(one.table, bytes(one.memory.image[: one.table[last].end]))
-    return servo, bus_of([servo], protocol=protocol), image
+    assert (said(*servo_of("XM430-W350", present_input_voltage=volts)) == []) == fine
 
 
 @pytest.mark.parametrize("model", ["AX-12A", "MX-28"])
 def test_a_locked_eeprom_is_reported_with_what_opens_it(model: str) -> None:
     for lock, reported in ((0, False), (1, True)):
-        servo, bus, image = _image(model, 1, lock=lock)
-        text = " ".join(complaints(servo, bus, image, needed_ticks(JointMap([servo]))["j1"]))
+        text = " ".join(said(*servo_of(model, 1, lock=lock)))
         shows(text)
         assert ("EEPROM" in text) == reported
 
@@ -63,10 +51,9 @@ def test_a_locked_eeprom_is_reported_with_what_opens_it(model: str) -> None:
     [("XL430-W250", 2, False), ("AX-12A", 1, False), ("MX-64", 1, False), ("MX-64", 2, True), ("XM430-W350", 2, True)],
 )
 def test_a_current_that_the_servo_cannot_limit_is_refused(model: str, protocol: int, fine: bool) -> None:
-    servo, bus, image = _image(model, protocol)
-    needed = needed_ticks(JointMap([servo]))["j1"]
-    assert complaints(servo, bus, image, needed) == []
-    found = complaints(replace(servo, current_limit=0.5), bus, image, needed)
+    servo, image = servo_of(model, protocol)
+    assert said(servo, image) == []
+    found = said(replace(servo, current_limit=0.5), image)
     assert (found == []) == fine and (fine or "remove `current`" in found[0])
 
 
@@ -84,13 +71,13 @@ def test_a_current_that_the_servo_cannot_limit_is_refused(model: str, protocol: 
 def test_a_small_share_of_the_drive_is_noted(
     model: str, protocol: int, mode: ServoMode, values: dict[str, int], noted: list[str]
 ) -> None:
-    servo, _, image = _image(model, protocol, **values)
+    servo, image = servo_of(model, protocol, **values)
     found = notes(replace(servo, mode=mode, current_limit=0.1), image)
     assert len(found) == len(noted) and all(text in line for text, line in zip(noted, found, strict=True))
 
 
 def test_a_servo_that_may_draw_less_than_the_profile_says_is_noted() -> None:
-    servo, _, image = _image("XM430-W350", 2, current_limit=700)
+    servo, image = servo_of("XM430-W350", current_limit=700)
     driven = replace(servo, mode=ServoMode.CURRENT_BASED_POSITION)
     assert notes(replace(driven, current_limit=1.88), image) == []
     (note,) = notes(replace(driven, current_limit=1.89), image)
@@ -127,6 +114,13 @@ CASES = [
 ]
 
 
+def due(servo: ServoSpec, image: ServoImage, *, return_delay: float | None = None) -> list[Setting]:
+    """What a profile would have written."""
+    bus = bus_of([servo], protocol=image.table.protocol)
+    wanted = profile_values(servo, bus, image, needed_ticks(JointMap([servo]))[servo.joint])
+    return plan(image, settings_of(image.table, SetupRequest(return_delay=return_delay, registers=wanted)))
+
+
 @settings(max_examples=60, deadline=None)
 @given(
     case=st.sampled_from(CASES), spoilt=st.fixed_dictionaries({name: st.sampled_from(v) for name, v in SPOILT.items()})
@@ -140,22 +134,15 @@ def test_with_the_wishes_written_nothing_is_wrong_or_due_any_more(
     for name, value in spoilt.items():
         if one.table.has(name) and one.table[name].allows(value):
             one.memory.put(name, value)
-    volts = "present_input_voltage" if protocol == 2 else "present_voltage"
-    one.memory.put(volts, 120)
-    needed = needed_ticks(JointMap([servo]))[servo.joint]
+    one.memory.put("present_input_voltage" if protocol == 2 else "present_voltage", 120)
     image = ServoImage(one.table, bytes(one.memory.image))
-
-    def due(held: ServoImage) -> list[Setting]:
-        asked = SetupRequest(return_delay=bus.return_delay, registers=profile_values(servo, bus, held, needed))
-        return plan(held, settings_of(held.table, asked))
-
-    for setting in due(image):
+    for setting in due(servo, image, return_delay=bus.return_delay):
         assert image.value(setting.register.name) != setting.value
         one.memory.put(setting.register.name, setting.value)
     after = ServoImage(one.table, bytes(one.memory.image))
-    assert complaints(servo, bus, after, needed) == []
+    assert said(servo, after) == []
     assert differing(eeprom_settings(servo, bus, one.table), after) == []
-    assert due(after) == []
+    assert due(servo, after, return_delay=bus.return_delay) == []
 
 
 @pytest.mark.parametrize(
@@ -168,20 +155,8 @@ def test_with_the_wishes_written_nothing_is_wrong_or_due_any_more(
     ],
 )
 def test_only_what_harms_is_changed(name: str, value: int, wanted: int) -> None:
-    servo = spec(4)
-    (one,) = devices_of([servo], protocols={"main": 2})
-    one.memory.put(name, value)
-    image = ServoImage(one.table, bytes(one.memory.image))
-    due = plan(
-        image,
-        settings_of(
-            image.table,
-            SetupRequest(
-                registers=profile_values(servo, bus_of([servo]), image, needed_ticks(JointMap([servo]))["j4"])
-            ),
-        ),
-    )
-    assert [(one.register.name, one.value) for one in due] == [(name, wanted)]
+    found = due(*servo_of("XM430-W350", **{name: value}))
+    assert [(one.register.name, one.value) for one in found] == [(name, wanted)]
 
 
 @pytest.mark.parametrize("servos", [four_servos(), waist_servos()])

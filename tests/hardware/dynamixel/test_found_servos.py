@@ -13,7 +13,13 @@ from hardware.errors import BusError
 from messages import refuses
 
 
-def _rig(model: str = "XM430-W350", protocol: int = 2) -> BusRig:
+@pytest.mark.parametrize(
+    ("model", "protocol"), [("XM430-W350", 2), ("MX-28", 2), ("XL-320", 2), ("MX-28", 1), ("AX-12A", 1)]
+)
+@pytest.mark.parametrize("slowest", [0, 100_000])
+def test_all_servos_at_any_possible_speed_receive_it_within_a_second(
+    model: str, protocol: int, slowest: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     servos = specs(3, model)
     rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
     rig.port.open(1_000_000)
@@ -22,45 +28,23 @@ def _rig(model: str = "XM430-W350", protocol: int = 2) -> BusRig:
     slow.tune()
     for one in rig.devices:
         one.memory.put("torque_enable", 1)
-    return rig
-
-
-@pytest.mark.parametrize(
-    ("model", "protocol"), [("XM430-W350", 2), ("MX-28", 2), ("XL-320", 2), ("MX-28", 1), ("AX-12A", 1)]
-)
-def test_all_servos_receive_it_within_a_second_at_any_speed(model: str, protocol: int) -> None:
-    rig = _rig(model, protocol)
-    begun = rig.clock.now()
-    broadcast_torque_off(rig.port, all_speeds(), [rig.devices[0].table])
-    assert rig.clock.now() - begun < 1.0
-    assert rig.shown("torque_enable") == [0, 0, 0]
-
-
-def test_servos_at_other_speeds_than_an_impossible_one_receive_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = _rig()
     set_baud = rig.port.set_baud
 
     def limited(baud: int) -> None:
-        if baud < 100_000:
+        if baud < slowest:
             raise BusError("no such baud rate.")
         set_baud(baud)
 
     monkeypatch.setattr(rig.port, "set_baud", limited)
-    broadcast_torque_off(rig.port, all_speeds())
-    assert rig.shown("torque_enable") == [0, 1, 0]
-
-
-SPEED = Speed(2, 2_000_000)
-
-
-def _sightings(rig: BusRig) -> tuple[Sighting, ...]:
-    if not rig.port.opened:
-        rig.port.open(SPEED.baud)
-    return scan_line(rig.port, [SPEED]).sightings
+    begun = rig.clock.now()
+    broadcast_torque_off(rig.port, all_speeds(), [slow.table])
+    assert rig.clock.now() - begun < 1.0
+    assert rig.shown("torque_enable") == [0, int(slowest > 0), 0]
 
 
 def test_several_speeds_are_refused_with_what_was_seen() -> None:
     rig = BusRig(specs(2))
-    one, two = _sightings(rig)
+    rig.port.open(2_000_000)
+    one, two = scan_line(rig.port, [Speed(2, 2_000_000)]).sightings
     with refuses(BusError, "1.0", 57600, "2.0", 2000000):
         as_bus("here", [one, Sighting(two.found, Speed(1, 57_600))])

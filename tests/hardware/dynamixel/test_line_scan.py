@@ -71,31 +71,25 @@ def test_an_impossible_speed_is_reported_and_a_port_that_is_gone_ends_it(
 SPEED = Speed(2, 2_000_000)
 
 
-def _written(rig: BusRig, name: str, value: int) -> tuple[int, Speed]:
-    rig.port.open(SPEED.baud)
-    table = rig.devices[1].table
-    return write_setting(rig.port, table, 2, SPEED, Setting(table[name], value))
-
-
-@pytest.mark.parametrize("lost", [(), (Fault(FaultKind.DROP, direction=Direction.TO_HOST, end=0.01),)])
+@pytest.mark.parametrize("lost", [False, True])
 @pytest.mark.parametrize(
     ("name", "value", "after"),
     [("shutdown", 53, (2, SPEED)), ("id", 9, (9, SPEED)), ("baud_rate", 3, (2, Speed(2, 1_000_000)))],
 )
-def test_where_it_is_afterwards(name: str, value: int, after: tuple[int, Speed], lost: tuple[Fault, ...]) -> None:
-    rig = BusRig(specs(3))
-    for fault in lost:
-        rig.fault(fault)
-    assert _written(rig, name, value) == after
+def test_where_it_is_afterwards(name: str, value: int, after: tuple[int, Speed], lost: bool) -> None:
+    rig = _rig()
+    if lost:
+        rig.fault(Fault(FaultKind.DROP, direction=Direction.TO_HOST, end=0.01))
+    table = rig.devices[1].table
+    assert write_setting(rig.port, table, 2, SPEED, Setting(table[name], value)) == after
     assert rig.devices[1].memory.value(name) == value
     assert rig.port.baud == after[1].baud
     assert rig.shown(name)[0] != value
 
 
 def test_a_servo_that_vanishes_is_reported_with_where_it_was_looked_for() -> None:
-    rig = BusRig(specs(2))
+    rig = _rig()
     rig.fault(Fault(FaultKind.MISSING, ids=(2,)))
-    code = code_of(rig.devices[1].table, 57_600)
-    assert code is not None
+    table = rig.devices[1].table
     with refuses(BusError, "baud_rate", 2, 57600):
-        _written(rig, "baud_rate", code)
+        write_setting(rig.port, table, 2, SPEED, Setting(table["baud_rate"], code_of(table, 57_600) or 0))

@@ -2,13 +2,14 @@
 
 import math
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bus_rig import CYCLE, bus_of, specs
+from bus_rig import CYCLE, Tapped, bus_of, specs
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
@@ -30,34 +31,21 @@ BOARD = ImuSpec(ImuKind.OPENCR, "body", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), b
 BNO = ImuSpec(ImuKind.BNO08X, "body", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), port="/dev/imu")
 
 
-class Counted(EmulatedPort):
-    """The port of a rig, which counts what is asked of the board."""
-
-    def __init__(self, rig: "Rig") -> None:
-        super().__init__(rig.line, rig.clock, name="main")
-        self._rig = rig
-
-    def write(self, data: bytes) -> None:
-        self._rig.asked += data == protocol2.read(ID, IMU_FIRST, 18)
-        super().write(data)
-
-
 class Rig:
     """Twenty servos and the board at 2 Mbps, in the rhythm of a robot. took: of each cycle, s, its tick left out."""
 
     def __init__(self, imu: ImuSpec | None = BOARD) -> None:
         servos = specs(20)
-        main = bus_of(servos)
-        main = main.__class__(main.name, main.port, main.baud, 2, (*main.ids, ID))
+        main = replace(bus_of(servos), ids=(*range(1, 21), ID))
         self.clock, self.notes, self.took = VirtualClock(), list[str](), list[float]()
-        self.sensor, self.asked = ImuStandIn(imu), 0
+        self.sensor = ImuStandIn(imu)
         start = np.full(20, 2048)
         self.line: Line = robot_lines(servos, [main], start=start, now=0.0, powered=True, imu=self.sensor)["main"]
 
+        self.port = Tapped(self.line, self.clock, name="main")
+
         def port(spec: object) -> EmulatedPort | EmulatedBno08x:
-            if spec is not main:
-                return EmulatedBno08x(self.sensor, self.clock)
-            return Counted(self)
+            return self.port if spec is main else EmulatedBno08x(self.sensor, self.clock)
 
         self.bus = DynamixelBus(JointMap(servos), [main], port, imu=imu, notify=self.notes.append)
         self.bus.open()
@@ -65,6 +53,11 @@ class Rig:
         self.bus.torque(True)
         self._due = self.clock.now()
         self.run(1)  # behind its goals the IMU is asked for the first time
+
+    @property
+    def asked(self) -> int:
+        """How often the board was asked."""
+        return self.port.sent.count(protocol2.read(ID, IMU_FIRST, 18))
 
     def run(self, cycles: int, *, tick: float = TICK) -> list[ImuSample]:
         """Run cycles, in each of which all servos must answer."""
@@ -117,6 +110,7 @@ def test_it_is_read_with_the_servos_and_costs_their_cycle_nothing() -> None:
         samples = rig.run(100, tick=tick)
         assert all(sample.valid and sample.age < 2 * CYCLE for sample in samples)
         assert float(np.mean(rig.took[10:])) <= ratio * float(np.mean(without.took[10:]))
+    assert all(sample.valid for sample in Rig().run(50, tick=0.0)), "goals that come at once wait for its answer"
     assert samples[-1].time > samples[-3].time and not rig.notes[1:]
     roll, pitch = samples[-1].tilt
     assert (
@@ -124,11 +118,6 @@ def test_it_is_read_with_the_servos_and_costs_their_cycle_nothing() -> None:
         and abs(pitch) < 0.03
         and samples[-1].acceleration[2] == pytest.approx(STANDARD_GRAVITY, abs=0.5)
     )
-
-
-def test_goals_that_come_at_once_wait_for_its_answer() -> None:
-    rig = Rig()
-    assert all(sample.valid for sample in rig.run(50, tick=0.0))
 
 
 def test_goals_that_come_twice_do_not_meet_its_answer() -> None:
@@ -194,17 +183,12 @@ def test_damaged_answers_are_never_a_wrong_sample() -> None:
         assert sample.acceleration[2] == pytest.approx(STANDARD_GRAVITY, abs=0.5)
 
 
-def test_a_serial_sensor_beside_the_bus() -> None:
+def test_a_serial_sensor_beside_the_bus_costs_nothing_unplugged_or_not() -> None:
     without, rig = Rig(None), Rig(BNO)
     without.run(50)
     samples = rig.run(50)
     assert all(sample.valid for sample in samples[-40:])
     assert max(rig.took) <= max(without.took)
-
-
-def test_a_serial_sensor_that_is_unplugged_leaves_the_servos_alone() -> None:
-    rig = Rig(BNO)
-    rig.run(10)
     assert rig.bus.imu is not None and rig.bus.imu.port is not None
     rig.bus.imu.port.close()
     assert not rig.run(20)[-1].valid

@@ -20,11 +20,14 @@ def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
     return made
 
 
+WAYS = [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2")]
+
+
 def _torques(lab: ServoLab) -> list[int]:
     return [lab.memory(device).value("torque_enable") for device in range(1, 21)]
 
 
-@pytest.mark.parametrize("words", [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2"), ()])
+@pytest.mark.parametrize("words", [*WAYS, ()])
 def test_all_go_limp_after_a_yes(words: tuple[str, ...], lab: ServoLab) -> None:
     code, out, _ = lab.run("rest", *words, "--port", "emulator", typed="y\n")
     assert code == 0
@@ -40,44 +43,44 @@ def test_without_a_yes_nothing_is_written(typed: str, lab: ServoLab) -> None:
     assert not lab.instructions() & {Instruction.WRITE, Instruction.SYNC_WRITE}
 
 
-def test_a_limp_robot_is_left_alone(lab: ServoLab) -> None:
+def test_a_limp_robot_is_left_alone_and_a_dry_run_sends_nothing(lab: ServoLab) -> None:
+    code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator", "--dry-run")
+    assert code == 0 and "torque_enable := 0" in out and lab.sent == []
     lab.before = {}
     code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator")
     assert code == 0 and Instruction.SYNC_WRITE not in lab.instructions()
     shows(out, 20)
 
 
+@pytest.mark.parametrize(
+    ("before", "faults", "facts", "limp"),
+    [
+        ({}, [Fault(FaultKind.SHORT)], (), False),
+        ({(200, "dynamixel_power"): 0}, [], (200,), True),
+        ({(device, "baud_rate"): 3 for device in range(1, 21)}, [], (1, 1000000, 2000000, "--baud", "2000000`"), True),
+    ],
+    ids=["a dead line", "a power switch that is off", "another speed"],
+)
+def test_why_no_servo_answers_is_said(
+    before: dict[tuple[int, str], int], faults: list[Fault], facts: tuple[int | str, ...], limp: bool, lab: ServoLab
+) -> None:
+    lab.before, lab.faults = before | lab.before, faults
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 2 and any(_torques(lab)) != limp
+    shows(err, facts)
+
+
 def test_a_silent_servo_is_named_and_the_others_are_limp(lab: ServoLab) -> None:
     lab.faults = [Fault(FaultKind.MISSING, ids=(13,))]
     code, out, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
     assert code == 1
-    shows(out, "r_knee", 13)
-    shows(err, "r_knee", 13)
+    for text in (out, err):
+        shows(text, "r_knee", 13)
     assert [device for device, on in enumerate(_torques(lab), 1) if on] == [13]
-
-
-def test_no_servo_answers(lab: ServoLab) -> None:
-    lab.faults = [Fault(FaultKind.SHORT)]
-    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
-    assert code == 2
-    shows(err)
-
-
-def test_a_power_switch_that_is_off_is_reported(lab: ServoLab) -> None:
-    lab.before = {(200, "dynamixel_power"): 0}
-    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
-    assert code == 2
-    shows(err, 200)
-
-
-def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
-    code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator", "--dry-run")
-    assert code == 0 and "torque_enable := 0" in out and lab.sent == []
 
 
 UNKNOWN = 4711
 """The number of a model without a table."""
-WAYS = [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2")]
 
 
 @pytest.mark.parametrize("words", WAYS)
@@ -134,10 +137,3 @@ def test_torque_off_is_sent_to_all_before_any_is_looked_for(words: tuple[str, ..
     shows(err)
     assert not any(_torques(lab))
     assert lab.bauds[0] == first and lab.sent[0][4:10].hex(" ") == "fe 06 00 03 40 00"
-
-
-def test_servos_at_another_speed_go_limp_and_the_speed_is_named(lab: ServoLab) -> None:
-    lab.before = {(device, "baud_rate"): 3 for device in range(1, 21)} | lab.before
-    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
-    assert code == 2 and not any(_torques(lab))
-    shows(err, 1, 1000000, 2000000, "--baud", "2000000`")

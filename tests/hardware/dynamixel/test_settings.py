@@ -53,12 +53,12 @@ def named(settings: list[Setting]) -> dict[str, int]:
     return {setting.register.name: setting.value for setting in settings}
 
 
-def image(**values: int) -> ServoImage:
-    data = bytearray(TABLE["present_temperature"].end)
+def image_of(model: str = "XM430-W350", protocol: int = 2, **values: int) -> ServoImage:
+    """Of a servo as delivered, but for these registers."""
+    (one,) = devices_of([spec(1, model)], protocols={"main": protocol})
     for name, value in values.items():
-        register = TABLE[name]
-        data[register.address : register.end] = register.encode(value)
-    return ServoImage(TABLE, bytes(data))
+        one.memory.put(name, value)
+    return ServoImage(one.table, bytes(one.memory.image))
 
 
 def test_a_position_mode_limits_its_current_in_eeprom() -> None:
@@ -67,12 +67,12 @@ def test_a_position_mode_limits_its_current_in_eeprom() -> None:
     assert named(eeprom_settings(replace(servo, current_limit=99.0), bus, TABLE))["current_limit"] == 1193
     by_current = replace(servo, mode=ServoMode.CURRENT_BASED_POSITION)
     assert "current_limit" not in named(eeprom_settings(by_current, bus, TABLE))
-    assert named(ram_settings(by_current, image(pwm_limit=700)))["goal_pwm"] == 700
+    assert named(ram_settings(by_current, image_of(pwm_limit=700)))["goal_pwm"] == 700
 
 
 def test_only_gains_of_the_profile_are_set() -> None:
     servo = replace(PLAIN, gains=ServoGains(position_p=0, feedforward_2=7))
-    assert named(ram_settings(servo, image())) == {
+    assert named(ram_settings(servo, image_of())) == {
         "status_return_level": 2,
         "profile_acceleration": 0,
         "profile_velocity": 0,
@@ -84,19 +84,12 @@ def test_only_gains_of_the_profile_are_set() -> None:
 @pytest.mark.parametrize(("amperes", "limit", "expected"), [(1.0, 1193, 372), (100.0, 1193, 1193), (1.0, 200, 200)])
 def test_a_limited_current_is_the_drive_and_never_above_the_servo_s(amperes: float, limit: int, expected: int) -> None:
     servo = replace(PLAIN, mode=ServoMode.CURRENT_BASED_POSITION, current_limit=amperes)
-    assert named([full_drive(servo, image(current_limit=limit, pwm_limit=885))]) == {"goal_current": expected}
-
-
-def _image(model: str = "XM430-W350", protocol: int = 2, **values: int) -> ServoImage:
-    (one,) = devices_of([spec(1, model)], protocols={"main": protocol})
-    for name, value in values.items():
-        one.memory.put(name, value)
-    return ServoImage(one.table, bytes(one.memory.image))
+    assert named([full_drive(servo, image_of(current_limit=limit, pwm_limit=885))]) == {"goal_current": expected}
 
 
 @pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("MX-28", 1), ("AX-12A", 1)])
 def test_nothing_but_writable_eeprom_is_ever_due(model: str, protocol: int) -> None:
-    image = _image(model, protocol)
+    image = image_of(model, protocol)
     for register in image.table.registers:
         value = register.highest if register.highest is not None else register.widest
         try:
@@ -108,7 +101,7 @@ def test_nothing_but_writable_eeprom_is_ever_due(model: str, protocol: int) -> N
 
 
 def test_torque_locks_what_would_change_and_nothing_else() -> None:
-    image = _image(torque_enable=1)
+    image = image_of(torque_enable=1)
     assert plan(image, settings_of(image.table, SetupRequest(new_id=1))) == []
     with refuses(HardwareError):
         plan(image, settings_of(image.table, SetupRequest(new_id=2)))
