@@ -1,29 +1,29 @@
 """Whole runs that are stopped at any time: the robot goes to rest, slowly, clear of what moves, and stays there."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from faulty_bus import FaultKind, FaultyBus, MockFault
-from hardware.bus import ServoBus
-from hardware.clock import Clock, VirtualClock
+from faulty_bus import FaultKind, MockFault
+from hardware.clock import VirtualClock
 from hardware.errors import GuardError, TorqueError
 from hardware.guard import CheckedGoal
 from messages import refuses, shows
 from operators import ENOUGH, Asks
+from recordings import mock_bus as faulty_bus
 from retarget.frames import SensorFrames
 from retarget.human.samples import Playback
-from retarget.ik.hierarchy import SceneObstacles
-from retarget.model.robot import RobotBody
 from retarget.report import motion_metrics
 from retarget.report.measure import limits_broken
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.robot.follower import Follower
+from retarget.run.controllers import rest_joints
 from retarget.run.loop import Progress
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare
@@ -33,39 +33,18 @@ from retarget.run.supervisor import STATES
 from retarget.safety.gate import Gate
 from retarget.sources.open import open_source
 from retarget.types import FloatArray, Notify, RunState
-from sim.mock_bus import MockBus, mock_bus
+from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 
 
-def angles(robot: RobotBody, name: str) -> FloatArray:
-    return robot.posture(getattr(robot.profile.postures, name))[robot.servo_columns]
-
-
-def stopped(
-    name: str,
-    after: int,
-    *,
-    start: str,
-    scene: Path | None = None,
-    end: float = 1.0,
-    notify: Notify = lambda text: None,
-) -> tuple[RunResult, SceneObstacles | None]:
-    """A run on a mock bus, of a robot in the posture `start`, that is stopped after so many ticks."""
-
-    def bus(robot: RobotBody, clock: Clock) -> ServoBus:
-        return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(angles(robot, start)))
-
-    asked = RunOptions(
-        robot=name,
-        bus="mock",
-        priorities="balanced",
-        scene=None if scene is None else str(scene),
-        playback=Playback(end=end),
-    )
+def stopped(name: str, after: int, *, end: float = 1.0, notify: Notify = lambda text: None) -> RunResult:
+    """A run on a mock bus that is stopped after so many ticks, and goes to rest."""
+    asked = RunOptions(robot=name, bus="mock", priorities="balanced", playback=Playback(end=end))
     ticks, clock = iter(range(10**6)), VirtualClock()
-    with prepare(synthetic_performer, asked, clock=clock, make_bus=bus, goes_to_rest=True, notify=notify) as prepared:
-        run = prepared.run(Asks(lambda: next(ticks) >= after))
-        return run, prepared.scene_obstacles
+    with prepare(
+        synthetic_performer, asked, clock=clock, make_bus=mock_bus, goes_to_rest=True, notify=notify
+    ) as prepared:
+        return prepared.run(Asks(lambda: next(ticks) >= after))
 
 
 RETURN_S = 4.0
@@ -73,7 +52,7 @@ RETURN_S = 4.0
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("passed", [60, pytest.param(0, marks=pytest.mark.long)])
+@pytest.mark.parametrize("passed", [60, 0])
 def test_a_refused_return_to_stance_times_out_and_the_way_to_rest_keeps_the_soles(
     passed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -93,25 +72,23 @@ def test_a_refused_return_to_stance_times_out_and_the_way_to_rest_keeps_the_sole
     monkeypatch.setattr(Gate, "check", walled)
     monkeypatch.setitem(STATES, RunState.RETURN_TO_STANCE, replace(STATES[RunState.RETURN_TO_STANCE], limit_s=RETURN_S))
     notes: list[str] = []
-    run, _ = stopped("op3", 900, start="stand", end=8.0, notify=notes.append)
-    assert run.record is not None and run.record.robot is not None and run.robot is not None
-    dt = 1.0 / run.robot.profile.safety.rate_hz
-    assert len(returned) * dt == pytest.approx(RETURN_S, abs=3 * dt), "what is refused is no arrival"
+    run = stopped("op3", 900, end=8.0, notify=notes.append)
+    assert run.robot is not None
+    assert len(returned) * run.clip.dt == pytest.approx(RETURN_S, abs=3 * run.clip.dt), "what is refused is no arrival"
     shows(notes)
-    assert np.abs(run.record.robot.goals[-1] - angles(run.robot, "rest")).max() < 0.1
-    way = run.record.robot.q[900 + len(returned) :]
-    stand = motion_metrics.standing_of(run.robot, way)
+    assert np.abs(run.record.goals[-1] - rest_joints(run.robot)).max() < 0.1
+    stand = motion_metrics.standing_of(run.robot, run.record.q[900 + len(returned) :])
     assert stand.tilt.max() < np.deg2rad(0.2) and (stand.margin > 0.0).all()
     assert np.ptp(stand.corners[..., 2], axis=0).max() < 5e-3, "neither sole is lifted"
 
 
 @pytest.mark.long
 def test_a_stop_after_it_followed_ends_in_rest_within_four_seconds() -> None:
-    run, _ = stopped("op3", 10**6, start="stand")
-    assert run.record is not None and run.record.robot is not None and run.robot is not None
-    goals, dt = run.record.robot.goals, 1.0 / run.robot.profile.safety.rate_hz
-    assert (len(goals) - run.record.following.stop) * dt < 4.0
-    assert np.abs(goals[-1] - angles(run.robot, "rest")).max() < 0.1
+    run = stopped("op3", 10**6)
+    assert run.robot is not None
+    goals = run.record.goals
+    assert (len(goals) - run.record.following.stop) * run.clip.dt < 4.0
+    assert np.abs(goals[-1] - rest_joints(run.robot)).max() < 0.1
 
 
 # A stop from outside, whatever the robot does at that moment: on its soles, in balance, within its limits, to rest.
@@ -127,15 +104,11 @@ RECORDED = [
 
 
 @contextmanager
-def prepared(read: Callable[[], SensorFrames], at: float, faults: Sequence[MockFault] = ()) -> Iterator[Prepared]:
+def prepared(read: Callable[[], SensorFrames], at: float, faults: tuple[MockFault, ...] = ()) -> Iterator[Prepared]:
     """The OP3, to follow from a few seconds before the time `at` s until 0.2 s after it."""
-
-    def make_bus(robot: RobotBody, clock: Clock) -> ServoBus:
-        stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-        return FaultyBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
-
     options = RunOptions(robot="op3", playback=Playback(start=at - WARM_UP_S, end=at + 0.2))
-    with prepare(read, options, clock=VirtualClock(), make_bus=make_bus) as ready:
+    bus = partial(faulty_bus, faults=faults)
+    with prepare(read, options, clock=VirtualClock(), make_bus=bus) as ready:
         yield ready
 
 
@@ -148,25 +121,25 @@ def stop_at(ready: Prepared, time: float = WARM_UP_S) -> RunResult:
 
 def soles(run: RunResult) -> tuple[float, float]:
     """Most that a sole is off its first place and off the ground, m, and tilted, rad."""
-    assert run.robot is not None and run.record.robot is not None
-    stand = motion_metrics.standing_of(run.robot, run.record.robot.q)
+    assert run.robot is not None
+    stand = motion_metrics.standing_of(run.robot, run.record.q)
     off = np.linalg.norm(stand.corners - stand.corners[run.record.following.start], axis=-1)
     return float(off.max()), float(stand.tilt.max())
 
 
 def assert_stands_well(run: RunResult, *, braked: int = 6) -> None:
     """It was moving when it had to stop, and everything was kept until it stood."""
-    robot, sent = run.robot, run.record.robot
-    assert robot is not None and sent is not None
-    brakes = run.record.phase == Phase.BRAKE
+    robot, record = run.robot, run.record
+    assert robot is not None
+    brakes = record.phase == Phase.BRAKE
     assert np.count_nonzero(brakes) >= braked
-    assert not sent.gated[int(np.argmax(brakes)) :].any()
-    positions = np.vstack([sent.start, sent.q[:, robot.servo_columns]])
+    assert not record.gated[int(np.argmax(brakes)) :].any()
+    positions = np.vstack([record.start, record.q[:, robot.servo_columns]])
     at_rest = np.vstack([positions, positions[-1:]])
     assert limit_violations(at_rest, robot.limits, run.clip.dt) == LimitViolations(0, 0, 0)
     off, tilt = soles(run)
     assert off < 0.003 and tilt < np.deg2rad(0.1)
-    assert (motion_metrics.standing_of(robot, sent.q).margin > 0.0).all()
+    assert (motion_metrics.standing_of(robot, record.q).margin > 0.0).all()
 
 
 @pytest.mark.parametrize(("trial", "at"), RECORDED)
@@ -197,20 +170,16 @@ def test_the_end_of_a_clip_in_the_middle_of_a_motion() -> None:
 @pytest.mark.long
 def test_a_stop_by_the_guard() -> None:
     fault = MockFault(FaultKind.HOT, first=981, cycles=1, servo=4, value=70.0)
-    with prepared(synthetic_performer, 11.23, [fault]) as ready:
+    with prepared(synthetic_performer, 11.23, (fault,)) as ready:
         run = ready.run()
     assert run.state == "fault"
-    assert run.reason is not None
     shows(run.reason, 65, "r_el", 5, 70)
     assert_stands_well(run, braked=5)
 
 
 def test_a_refusal_is_not_lost_in_closing_the_bus() -> None:
     silent = MockFault(FaultKind.MISSING, first=0, cycles=10**6, servo=2)
-    with (
-        refuses(TorqueError) as refusal,
-        prepared(synthetic_performer, 15.6, [silent]) as it,
-    ):
+    with refuses(TorqueError) as refusal, prepared(synthetic_performer, 15.6, (silent,)) as it:
         it.run()
     assert isinstance(refusal.value.__cause__, GuardError)  # it is silent: whether it has torque is not known
 

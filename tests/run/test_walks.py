@@ -1,8 +1,8 @@
 """Runs of a robot that walks: stops and holds in the middle of a step, and what is refused before it begins."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,18 +34,15 @@ FORWARD, STAND = Request(forward=0.1), Request()
 
 
 class Stick(RunObserver):
-    """Asks for a velocity from the time on that following begins, and notes states and postures."""
+    """Asks for a velocity from the time on that following begins, and notes states and whether it walks."""
 
     def __init__(self, asked: Callable[[float], Request]) -> None:
         self._asked, self._begun = asked, 0.0
-        self.velocity = STAND
+        self.velocity, self.t = STAND, 0.0  # t: s since following began
         self.prepared: Prepared
         self.states, self.walked = list[RunState](), list[bool]()
-        self.t = 0.0
-        """s since following began."""
 
     def see(self, tick: Tick) -> None:
-        """Look at a tick, and ask for the next one."""
         assert tick.output is not None and self.prepared.machine is not None
         legs = self.prepared.machine.follower.legs
         assert legs is not None
@@ -64,66 +61,49 @@ class Steers(Operator):
         self._stick, self._after = stick, after
 
     def requested(self) -> OperatorInput:
-        """What is asked for."""
         stop = "it is enough" if self._stick.t > self._after else None
         return OperatorInput(stop, velocity=self._stick.velocity)
 
 
-def run(stick: Stick, *, end: float = 8.0, stops: float = np.inf, lost: tuple[float, float] | None = None) -> RunResult:
+def run(stick: Stick, *, end: float = 8.0, stops: float = np.inf, lost: tuple[float, float] = (0.0, 0.0)) -> RunResult:
     """A run of OP3 without mass. lost: from when until when, s of the performance, its performer cannot be followed."""
     options = RunOptions(robot="op3", steps="walk", playback=Playback(end=end))
-    frames = synthetic_performer()
-    with prepare(lambda: frames, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
-        stick.prepared = prepared
-        if lost is not None:
-            prepared = replace(prepared, samples=Lost(prepared.samples, *lost))  # type: ignore[arg-type]
-            stick.prepared = prepared
+    with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        stick.prepared, samples = prepared, prepared.samples
+        sample = samples.sample
+        vars(samples)["sample"] = lambda tick: None if lost[0] < tick * samples.dt < lost[1] else sample(tick)
         return prepared.run(Steers(stick, stops), [stick])
 
 
-class Lost:
-    """A performance whose sensors are lost for a time."""
-
-    def __init__(self, samples: object, begin: float, end: float) -> None:
-        self._samples, self._begin, self._end = samples, begin, end
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._samples, name)
-
-    def sample(self, tick: int) -> object:
-        """The sample of a tick."""
-        gone = self._begin < tick * self._samples.dt < self._end  # type: ignore[attr-defined]
-        return None if gone else self._samples.sample(tick)  # type: ignore[attr-defined]
+def soles(result: RunResult, row: int) -> FloatArray:
+    """Places (2, 3) m of both soles in a row, seen from the left one."""
+    return np.asarray(op3().points(result.record.q[row][None], ("l_sole", "r_sole"))[0])
 
 
-def soles(q: FloatArray) -> FloatArray:
-    """Places (2, 3) m of both soles, seen from the left one."""
-    at = op3().points(q[None], ("l_sole", "r_sole"))[0]
-    return np.asarray(at)
-
-
-def stands(q: FloatArray) -> bool:
+def stands(result: RunResult, row: int = -1) -> bool:
     """Whether both soles are on the floor, side by side."""
-    left, right = soles(q)
+    left, right = soles(result, row)
     apart = float(np.linalg.norm((left - right)[:2]))
     return abs(left[2] - right[2]) < 1e-4 and abs(apart - 0.095) < 1e-3
 
 
-def sent_postures(result: RunResult) -> FloatArray:
-    """Postures (T, nq) to which the robot was sent."""
-    assert result.record.robot is not None
-    return np.asarray(result.record.robot.q)
+def gone(result: RunResult, first: int = 0) -> float:
+    """How far ahead the left sole is of where it was in a row, m."""
+    return float(soles(result, -1)[0, 0] - soles(result, first)[0, 0])
+
+
+def walks_on(t: float) -> Request:
+    return FORWARD if t > 0.3 else STAND
 
 
 def test_it_walks_and_stands_again() -> None:
     stick = Stick(lambda t: FORWARD if 0.5 < t < 4.5 else STAND)
     result = run(stick)
-    q, walked = sent_postures(result), np.array(stick.walked)
+    walked = np.array(stick.walked)
     assert result.state == RunState.OFF.value and result.stop is None
     assert result.tally.walk is not None and result.tally.walk.steps >= 4
     assert walked.any() and not walked[-1]
-    gone = soles(q[-1])[0] - soles(q[0])[0]
-    assert gone[0] > 0.15 and stands(q[-1])
+    assert gone(result) > 0.15 and stands(result)
     refused = result.record.gated[: len(walked)][walked[: len(result.record.gated)]]
     assert refused.mean() < 0.1, "arms alone are held back now and then"
 
@@ -131,33 +111,27 @@ def test_it_walks_and_stands_again() -> None:
 @pytest.mark.parametrize("after", [1.2, 1.9, 2.5, 2.7, 2.9, 3.1])
 def test_a_stop_in_the_middle_of_a_step_ends_on_both_feet(after: float) -> None:
     """The way to a first step, the step that is under way, one more, and the end of the pattern."""
-    stick = Stick(lambda t: FORWARD if t > 0.3 else STAND)
+    stick = Stick(walks_on)
     result = run(stick, stops=after)
-    assert result.state == RunState.OFF.value
-    stopping = [row for row, state in enumerate(stick.states) if state is RunState.STOPPING]
-    assert stopping and len(stopping) * 0.008 < 0.5 + 2 * 0.6 + 0.7
-    assert stands(sent_postures(result)[-1])
+    assert result.state == RunState.OFF.value and stands(result)
+    assert 0 < stick.states.count(RunState.STOPPING) * 0.008 < 0.5 + 2 * 0.6 + 0.7
 
 
 def test_a_hold_in_the_middle_of_a_step_is_a_stand_and_then_it_walks_on() -> None:
-    stick = Stick(lambda t: FORWARD if t > 0.3 else STAND)
+    stick = Stick(walks_on)
     result = run(stick, end=13.0, lost=(3.0, 6.0))
-    q = sent_postures(result)
-    held = [row for row, state in enumerate(stick.states) if state is RunState.HOLD]
-    assert held and stands(q[held[-1]])
-    before, after = soles(q[held[-1]])[0][0], soles(q[-1])[0][0]
-    assert after - before > 0.05, "it goes on from there"
+    last = np.flatnonzero([state is RunState.HOLD for state in stick.states])[-1]
+    assert stands(result, last) and gone(result, last) > 0.05, "it goes on from there"
 
 
 def test_a_short_hold_does_not_end_in_the_air() -> None:
     """The robot finishes its way to a stand, and only then walks on."""
-    stick = Stick(lambda t: FORWARD if t > 0.3 else STAND)
-    q = sent_postures(run(stick, end=10.0, lost=(3.0, 3.2)))
-    moved = np.diff(q[:, op3().servo_columns], axis=0)
+    result = run(Stick(walks_on), end=10.0, lost=(3.0, 3.2))
+    moved = np.diff(result.record.q[:, op3().servo_columns], axis=0)
     limits = op3().joint_map
     assert (np.abs(moved) <= limits.max_velocity * 0.008 + 1e-6).all()
     assert (np.abs(np.diff(moved, axis=0)) <= limits.max_acceleration * 0.008**2 + 1e-6).all()
-    assert soles(q[-1])[0][0] - soles(q[0])[0][0] > 0.1
+    assert gone(result) > 0.1
 
 
 @pytest.mark.parametrize(
@@ -180,10 +154,10 @@ def test_a_robot_that_cannot_stand_on_one_leg_stays_planted_and_says_so(robot: s
         ("walk", "free", "upper", "whole"),
     ],
 )
-def test_what_a_robot_cannot_do_is_refused(steps: str, root: str, parts: str, fault: str) -> None:
-    robot = load_robot("op3", root="free" if root == "free" else "suspended")
+def test_what_a_robot_cannot_do_is_refused(steps: Any, root: Any, parts: Any, fault: str) -> None:
+    robot = load_robot("op3", root=root)
     with refuses(UsageError, "--steps", fault):
-        with_steps(load_priorities("balanced"), robot, steps, parts=parts)  # type: ignore[arg-type]
+        with_steps(load_priorities("balanced"), robot, steps, parts=parts)
     written = load_priorities("balanced").model_copy(update={"steps": steps})
     with refuses(ConfigError, "priorities", fault):
         with_steps(written, robot, None, parts=parts)
@@ -225,10 +199,9 @@ def test_hands_of_a_robot_that_has_turned_are_seen_from_where_it_is() -> None:
 def test_it_keeps_step_with_the_performer() -> None:
     """From its third step on, the same foot is ahead, and legs look alike."""
     result = strolled()
-    following, record = result.record.following, result.record
-    names = record.human_joint_names
-    left, right = (record.human_joints[following, names.index(f"{side}_ankle"), 0] for side in "lr")
-    ahead = op3().points(sent_postures(result)[following], ("l_sole", "r_sole"))[:, :, 0]
+    record = result.record[result.record.following]
+    left, right = (record.human_joints[:, record.human_joint_names.index(f"{side}_ankle"), 0] for side in "lr")
+    ahead = op3().points(record.q, ("l_sole", "r_sole"))[:, :, 0]
     steps = slice(round(4.0 / 0.008), round(10.0 / 0.008))
     assert np.corrcoef((left - right)[steps], (ahead[:, 0] - ahead[:, 1])[steps])[0, 1] > 0.8
     likeness = measure(result).likeness_deg
@@ -243,12 +216,8 @@ def test_the_floor_of_a_walk_is_seen_to_go_by() -> None:
     moved -= np.round(moved)
     np.testing.assert_allclose(moved - moved[:, :1], 0.0, atol=1e-9)
     assert np.abs(moved).max() > 0.01
-    with prepare(
-        synthetic_performer,
-        RunOptions(robot="op3", playback=Playback(end=0.3)),
-        clock=VirtualClock(),
-        make_bus=mock_bus,
-    ) as prepared:
+    options = RunOptions(robot="op3", playback=Playback(end=0.3))
+    with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
         assert moving(prepared.run())["op3"].marks is None
 
 
@@ -256,15 +225,14 @@ def test_the_report_of_a_walk_judges_postures_and_says_how_far_it_went() -> None
     """Of the strolling performer: whose soles go elsewhere do not slide, and whose goals hold torque may jump."""
     result = strolled()
     report, use = measure(result), limit_use(result)
-    assert report.walk is not None and report.walk.steps > 8
+    walk = report.walk
+    assert walk is not None and walk.steps > 8
     assert report.soles is None and report.foot_slide_mm is None and report.com_margin_mm is not None
-    assert use.velocity is not None and use.velocity.share <= 1.0 + 1e-6
-    assert use.acceleration is not None and use.acceleration.share <= 1.0 + 1e-6
-    prints = standing_of(op3(), sent_postures(result)).footprints()
-    assert abs(len(prints) - (2 + report.walk.steps)) <= 2, "one for each sole at first, and one for each step"
-    gone = float(np.linalg.norm((prints[-1] - prints[0]).mean(axis=0)[:2]))
-    assert gone == pytest.approx(report.walk.walked_m, abs=0.1)
+    for used in (use.velocity, use.acceleration):
+        assert used is not None and used.share <= 1.0 + 1e-6
+    prints = standing_of(op3(), result.record.q).footprints()
+    assert abs(len(prints) - (2 + walk.steps)) <= 2, "one for each sole at first, and one for each step"
+    went = float(np.linalg.norm((prints[-1] - prints[0]).mean(axis=0)[:2]))
+    assert went == pytest.approx(walk.walked_m, abs=0.1)
     seen = RunFigures(result, report)
-    assert seen.left_behind_m is None and seen.walk_missing == pytest.approx(
-        1.0 - report.walk.walked_m / report.walk.asked_m
-    )
+    assert seen.left_behind_m is None and seen.walk_missing == pytest.approx(1.0 - walk.walked_m / walk.asked_m)
