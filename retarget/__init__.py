@@ -26,21 +26,15 @@ _HOMES = {
 __all__ = ["__version__", *sorted(_HOMES)]
 
 
-def _spec_of(name: str) -> "Any":
-    """Where Python finds a package, None for nowhere: `importlib.util.find_spec`, which takes 10 ms to import."""
-    if name in sys.modules:
-        return sys.modules[name].__spec__
-    return next((spec for finder in sys.meta_path if (spec := finder.find_spec(name, None)) is not None), None)
-
-
 def _verify_siblings() -> None:
-    """Raise ImportError, naming the shadow, unless Python finds the packages next to this one. Imports neither.
-
-    `hardware` and `sim` are short names that others use too.
-    """
+    """Raise ImportError, with the place of the other package, if Python finds another `hardware` or `sim`: short names
+    that others use too. Neither is imported."""
     home = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - `pathlib` takes 10 ms
     for name in ("hardware", "sim"):
-        spec = _spec_of(name)
+        # As `importlib.util.find_spec`, which takes 10 ms to import.
+        found_by = (finder.find_spec(name, None) for finder in sys.meta_path)
+        loaded = sys.modules.get(name)
+        spec: Any = loaded.__spec__ if loaded else next((spec for spec in found_by if spec is not None), None)
         places = [os.path.realpath(place) for place in (spec.submodule_search_locations or ())] if spec else []
         if os.path.join(home, name) in places[:1]:  # noqa: PTH118
             continue
@@ -57,7 +51,7 @@ _verify_siblings()
 
 
 def __getattr__(name: str) -> "Any":
-    """Import a public name from its home on first use (PEP 562), so that `import retarget` stays light."""
+    """Import a public name on first use (PEP 562), so that `import retarget` is quick."""
     if name not in _HOMES:
         raise AttributeError(f"module 'retarget' has no attribute {name!r}; public names: {', '.join(sorted(_HOMES))}")
     value = getattr(importlib.import_module(_HOMES[name]), name)

@@ -1,4 +1,4 @@
-"""`python -m retarget` is the command `retarget`."""
+"""The command line as `python -m retarget`."""
 
 from retarget.cli import main
 

@@ -1,8 +1,6 @@
 """Errors that stop a command before anything moves: bad files, bad configurations, bad options.
 
-Each carries one or more `Problem`s (what, where, found, allowed, next step) and renders all of them as one message, so
-that a user can correct a file in one go. The command line prints the message and ends with exit code 2. The root of
-the tree, `RetargetError`, lives in `hardware.errors`, because `hardware` imports nothing from here.
+Each renders all its `Problem`s as one message, with which the command line ends (exit code 2).
 """
 
 import difflib
@@ -15,16 +13,15 @@ from typing import Self
 from hardware.errors import RetargetError, describe
 
 MAX_SHOWN = 20
-"""At most this many problems are spelled out in one message; the rest are counted."""
+"""Most problems in one message; the rest are counted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing that is wrong. Empty parts are left out of the text.
+    """One fault; empty parts are left out of the text.
 
-    what: the fault in a few words. where: "file", "file:line" or "file:line: key". found: what stands there.
-    allowed: what may stand there. next_step: what the user should do, one sentence (a full stop is added).
-    line: of the file, from 1, to list problems in the file's order; 0 where there is none.
+    where: "file", "file:line" or "file:line: key". next_step: one sentence without full stop. line: from 1, the order
+    of problems; 0 without one.
     """
 
     what: str
@@ -46,19 +43,19 @@ class Problem:
 
 
 class RefusedError(RetargetError):
-    """Refused before anything moved. Not raised itself: see `InputError`, `ConfigError`, `UsageError`."""
+    """Base of `InputError`, `ConfigError` and `UsageError`."""
 
     def __init__(
         self, what: str, *, where: str = "", found: object = "", allowed: object = "", next_step: str = ""
     ) -> None:
-        """One problem; `found` and `allowed` are turned into text. Several: `from_problems`."""
+        """An error of one problem; `found` and `allowed` become text."""
         problem = Problem(what, where, str(found), str(allowed), next_step)
         super().__init__(problem.render())
         self.problems: tuple[Problem, ...] = (problem,)
 
     @classmethod
     def from_problems(cls, problems: Sequence[Problem], *, title: str = "") -> Self:
-        """All problems of one file as one error, by line. `title` heads the list when there is more than one."""
+        """All problems of one file as one error, by line. `title` is the heading of several."""
         if not problems:
             raise ValueError("an error needs at least one problem")
         error = cls(problems[0].what)
@@ -72,15 +69,15 @@ class InputError(RefusedError):
 
 
 class ConfigError(RefusedError):
-    """A configuration (robot profile, priorities, performer) that cannot be used."""
+    """A configuration (robot profile, priorities, performer) with faults."""
 
 
 class UsageError(RefusedError):
-    """A command line option that cannot be used: unknown name, unwritable path, impossible combination."""
+    """A command line option or argument with faults."""
 
 
 def nearest(name: str, known: Iterable[str]) -> tuple[str, ...]:
-    """At most three known names closest in spelling to `name`, best first; empty when none is near."""
+    """At most three known names similar to `name`, best first."""
     spelled: dict[str, str] = {}
     for candidate in known:
         spelled.setdefault(candidate.casefold(), candidate)
@@ -104,19 +101,17 @@ RENAMED = {
     "servo --drive-mode": "--register drive_mode=BITS",
     "cut": "torque_off",
 }
-"""Names of version 0.1.0 and what they are called now: keys and files of configurations, options (with their command),
-words of the control socket. An old name is refused with the new one."""
+"""New names by those of version 0.1.0: keys, files, options (with their command), words of the control socket."""
 
 
 def renamed_to(name: str, known: Iterable[str] | None = None) -> str:
-    """A next step with the new name of `name`, where that is one of the known names (None: any); else ""."""
+    """A next step with the new name of `name`, if that is known (None: any); else ""."""
     new = RENAMED.get(name)
     return f"It is called {new} now" if new is not None and (known is None or new in known) else ""
 
 
 def suggest(name: str, known: Iterable[str]) -> str:
-    """A next step for an unknown name: its new name if it was renamed, "Did you mean a, b or c?", or "" when nothing
-    is near."""
+    """A next step for an unknown name: its new name, "Did you mean a, b or c?", or ""."""
     known = tuple(known)
     if renamed := renamed_to(name, known):
         return renamed
@@ -127,8 +122,7 @@ def suggest(name: str, known: Iterable[str]) -> str:
 
 
 def install_step(*packages: str) -> str:
-    """A next step: install packages that retarget can use, in the versions that it takes. They are named themselves,
-    not by an extra, so the line is right beside an installed wheel and beside a checkout."""
+    """A next step: install packages, each by name, not by an extra, so that it is right for a wheel and a checkout."""
     import re
     from importlib.metadata import PackageNotFoundError, requires
 

@@ -1,7 +1,6 @@
-"""Sensor frames, which every reader yields: sensors over time, the whole body where it is known, its rest skeleton.
+"""Sensor frames, which every reader yields: sensors over time, and where known the whole body and its rest skeleton.
 
-World frame REP-103 (x forward, y left, z up), metres, seconds, quaternions wxyz. Arrays are float64, C-contiguous and
-read-only, so that one recording can be shared by every stage.
+World frame REP-103 (x forward, y left, z up), metres, seconds, quaternions wxyz. Arrays are float64 and read-only.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,18 +16,15 @@ from retarget.arithmetic import norm
 from retarget.errors import UsageError, suggest
 from retarget.types import BoolArray, FloatArray
 
-# Tracks between their frames: positions straight, orientations along the short arc, valid where both ends are.
-
 SNAP = 1e-9
-"""A time within this share of a frame interval of a frame is that frame, not a mixture of two."""
+"""A time within this share of a frame interval of a frame is that frame, without interpolation."""
 
 
 @dataclass(frozen=True)
 class Instants:
-    """n times on a clock of T frames.
+    """n times on a clock of T frames: the neighbouring frames, and the share from one to the other, 0 to below 1.
 
-    before, after (n): neighbouring frames. share (n): way from one to the other, 0 to below 1. exact (n): the time is
-    that of frame `before`, whose values are then returned bit for bit.
+    exact: true at the time of frame `before`.
     """
 
     before: NDArray[np.intp]
@@ -38,8 +34,7 @@ class Instants:
 
 
 def locate(clock: FloatArray, time: FloatArray) -> Instants:
-    """Find where the times (n,) s lie on a clock (T,) s that rises strictly. Times outside of it are held at its
-    ends."""
+    """Find times (n,) s on a strictly rising clock (T,) s, clipped to its ends."""
     held = np.clip(time, clock[0], clock[-1])
     before = np.clip(np.searchsorted(clock, held, side="right") - 1, 0, len(clock) - 1)
     after = np.minimum(before + 1, len(clock) - 1)
@@ -50,25 +45,24 @@ def locate(clock: FloatArray, time: FloatArray) -> Instants:
 
 
 def along_lines(track: FloatArray, at: Instants) -> FloatArray:
-    """Interpolate positions (n, k, 3) m of a track (T, k, 3) linearly; NaN where a neighbour that counts is NaN."""
+    """Linear interpolation (n, k, 3) of positions (T, k, 3); NaN if a used neighbour is NaN."""
     a, b = track[at.before], track[at.after]
     return np.where(at.exact[:, None, None], a, a + at.share[:, None, None] * (b - a))
 
 
 def along_arcs(track: FloatArray, at: Instants) -> FloatArray:
-    """Orientations (n, k, 4) wxyz of a track (T, k, 4); NaN where a neighbour that counts is NaN."""
+    """Interpolation (n, k, 4) of orientations (T, k, 4) along short arcs; NaN if a used neighbour is NaN."""
     a, b = track[at.before], track[at.after]
     share = np.broadcast_to(at.share[:, None], a.shape[:2])
     return np.where(at.exact[:, None, None], a, rotations.slerp(a, b, share))
 
 
 def valid_at(valid: NDArray[np.bool_], at: Instants) -> NDArray[np.bool_]:
-    """Validity (n, k) at instants between the frames of a track with validity (T, k)."""
+    """Validity (n, k) of interpolated values: that of all used neighbours (T, k)."""
     return np.asarray(valid[at.before] & (at.exact[:, None] | valid[at.after]))
 
 
 def _both(*parts: str) -> tuple[str, ...]:
-    """Names of paired body parts, left before right."""
     return tuple(f"{side}_{part}" for part in parts for side in "lr")
 
 
@@ -89,16 +83,12 @@ JOINTS: tuple[str, ...] = (
 
 REFLECT_POSITION = np.array([1.0, -1.0, 1.0])
 REFLECT_QUATERNION = np.array([1.0, -1.0, 1.0, -1.0])
-"""Factors of (x, y, z) and (w, x, y, z) that reflect in the plane y = 0: y changes its sign, and turns about x and z
-do."""
+"""Factors of (x, y, z) and (w, x, y, z) for a reflection in the plane y = 0."""
 
 
 @dataclass(frozen=True)
 class JointTracks:
-    """Joint centres of the whole body over time, as far as the source has them.
-
-    names: m canonical joint names, only those that the source has. position (T, m, 3) m, world; NaN where unknown.
-    """
+    """Joint centres (T, m, 3) m over time, by canonical joint names; NaN if unknown."""
 
     names: tuple[str, ...]
     position: FloatArray
@@ -107,16 +97,15 @@ class JointTracks:
         _freeze(self, "position", (None, len(self.names), 3))
 
     def of(self, name: str) -> FloatArray:
-        """Track (T, 3) m of one joint. Raises UsageError with the nearest names."""
+        """Track (T, 3) of one joint. Raises UsageError."""
         return np.asarray(self.position[:, _index(name, self.names, "joint")])
 
 
 @dataclass(frozen=True)
 class Skeleton:
-    """Joint centres of the rest pose, from which bone lengths are read.
+    """Joint centres (m, 3) m of the rest pose of a file, by canonical joint names.
 
-    names: m canonical joint names. position (m, 3) m: upright, facing x, the pelvis at the origin; arms and legs as the
-    file's own rest pose has them (T-pose, arms down, legs apart).
+    It is upright and faces x, with the pelvis at the origin. Arms and legs are as in the file.
     """
 
     names: tuple[str, ...]
@@ -126,18 +115,18 @@ class Skeleton:
         _freeze(self, "position", (len(self.names), 3))
 
     def of(self, name: str) -> FloatArray:
-        """Rest position (3,) m of one joint. Raises UsageError with the nearest names."""
+        """Rest position (3,) of one joint. Raises UsageError."""
         return np.asarray(self.position[_index(name, self.names, "joint")])
 
     def distance(self, first: str, second: str) -> float:
-        """Straight distance (m) between two joints of the rest pose."""
+        """Straight distance, m, between two joints."""
         return norm(self.of(first) - self.of(second))
 
 
 @dataclass(frozen=True)
 class SampleTimes:
-    """Times of a live sample, s, on the run's clock; NaN: not known. captured, arrived: of the newest frame that had
-    arrived; shown: when the poses that the sample shows were captured, which the playout delay puts before that."""
+    """Times of a live sample, s, NaN if unknown. captured, arrived: of the newest frame. shown: of capture of the poses
+    in the sample, earlier by the playout delay."""
 
     captured: float = np.nan
     arrived: float = np.nan
@@ -145,15 +134,12 @@ class SampleTimes:
 
 
 NO_TIMES = SampleTimes()
-"""Of a sample that is not live."""
+"""Times of a sample that is not live."""
 
 
 @dataclass(frozen=True)
 class SensorSample:
-    """The sensors at one instant: names (k), position (k, 3), orientation (k, 4) wxyz, valid (k); NaN where invalid.
-
-    times: of a live one.
-    """
+    """The k sensors at one instant: position (k, 3) m, orientation (k, 4) wxyz, valid (k,); NaN if invalid."""
 
     names: tuple[str, ...]
     position: FloatArray
@@ -165,10 +151,7 @@ class SensorSample:
     def of(
         cls, positions: Mapping[str, ArrayLike | None], orientations: Mapping[str, ArrayLike | None] | None = None
     ) -> "SensorSample":
-        """A sample from positions (3,) m by sensor, None for a lost one, and orientations (4,) wxyz of those known.
-
-        Raises UsageError for what are no such numbers, and for unknown sensors, with the nearest name.
-        """
+        """A sample of positions (3,) m, None for a lost sensor, and known orientations (4,) wxyz. Raises UsageError."""
         names = tuple(positions) if isinstance(positions, Mapping) else ()
         for name in names:
             _index(name, SENSORS, "sensor", where="SensorSample.of, positions")
@@ -180,7 +163,7 @@ class SensorSample:
 
 
 def _rows(argument: str, given: Mapping[str, ArrayLike | None], names: tuple[str, ...], numbers: int) -> FloatArray:
-    """So many numbers of each name (k, numbers), NaN where there are none. Raises UsageError for anything else."""
+    """Rows (k, numbers) by name, NaN for None. Raises UsageError for anything else."""
     unknown = np.full(numbers, np.nan)
     try:
         found = [given.get(name) for name in names]
@@ -201,13 +184,11 @@ def _rows(argument: str, given: Mapping[str, ArrayLike | None], names: tuple[str
 class SensorFrames:
     """Sensors of one performer over time.
 
-    time (T,) s, from 0, strictly rising. names: k canonical sensor names. position (T, k, 3) m, world, NaN where
-    invalid. orientation (T, k, 4) wxyz, world, NaN where unknown or invalid. It is the orientation of the body segment
-    that the joint of the sensor's name carries (wrist: hand, elbow: forearm, shoulder: upper arm, hip: thigh, knee:
-    shank, ankle and toe: foot, chest: thorax), and the identity of who stands upright, faces x and lets the arms hang,
-    thumbs forward. valid (T, k). joints: the whole body where the source has it. skeleton: its rest pose. source: where
-    it comes from. rate_hz: nominal frame rate. notes: warnings for the user. stature: m, of the performer, where the
-    user says it.
+    time (T,) s, from 0, strictly rising. names: k canonical sensor names. position (T, k, 3) m, world, NaN if invalid.
+    orientation (T, k, 4) wxyz, world, NaN if unknown or invalid: that of the segment behind the sensor's joint (wrist:
+    hand, elbow: forearm, shoulder: upper arm, hip: thigh, knee: shank, ankle and toe: foot). It is the identity for a
+    performer who stands upright, faces x, and lets the arms hang, thumbs forward. rate_hz: nominal. notes: warnings for
+    the user. stature: m, if the user gave it.
     """
 
     time: FloatArray
@@ -241,18 +222,15 @@ class SensorFrames:
         return float(self.time[-1] - self.time[0])
 
     def index(self, name: str) -> int:
-        """Column of a sensor. Raises UsageError with the nearest names."""
+        """Column of a sensor. Raises UsageError."""
         return _index(name, self.names, "sensor")
 
     def select(self, names: Sequence[str]) -> "SensorFrames":
-        """Only these sensors, in this order. Raises UsageError with the nearest names for one that is not there."""
+        """Only these sensors, in this order. Raises UsageError."""
         return self._columns(tuple(names), [self.index(name) for name in names])
 
     def cut(self, start: float | None = None, end: float | None = None) -> "SensorFrames":
-        """The frames from `start` to `end` (s, both included), with time counted from 0 again.
-
-        Raises UsageError if a time is not finite, the order is wrong, or no frame lies between.
-        """
+        """The frames from `start` to `end` (s, both included), from time 0 on. Raises UsageError if there are none."""
         first = 0.0 if start is None else float(start)
         last = float(self.time[-1]) if end is None else float(end)
         margin = SNAP * max(self.duration_s, 1.0)
@@ -266,7 +244,7 @@ class SensorFrames:
         return self.at_rows(rows, self.time[rows] - self.time[rows[0]])
 
     def at_rows(self, rows: Sequence[int] | NDArray[np.integer], time: FloatArray) -> "SensorFrames":
-        """The frames of these rows, in this order, at other times (s), which rise strictly."""
+        """The frames of these rows, at other times (s), which rise strictly."""
         joints = self.joints
         return replace(
             self,
@@ -278,7 +256,7 @@ class SensorFrames:
         )
 
     def mirror(self) -> "SensorFrames":
-        """Left and right exchanged: every position reflected at the world's x-z plane, every name on its other side."""
+        """Left and right swapped: positions reflected at the x-z plane, names of the other side."""
         names, columns = _mirror_order(self.names)
         joints, skeleton = self.joints, self.skeleton
         if joints is not None:
@@ -302,11 +280,9 @@ class SensorFrames:
         return SensorSample(there.names, there.position[0], there.orientation[0], there.valid[0])
 
     def resample(self, time: ArrayLike) -> "SensorFrames":
-        """The same motion on another clock: `time` (n,) s, strictly rising.
+        """The same motion on another clock `time` (n,) s, strictly rising, whose rate is the new nominal rate.
 
-        Positions go straight and orientations along the short arc between the two neighbouring frames; a sensor is
-        valid where it is valid in both. At the time of a frame, that frame is returned bit for bit. Before the first
-        frame and after the last, the first and the last are held. The nominal rate is that of the new clock.
+        At the time of a frame, that frame is returned bit for bit. The first and the last one are held beyond the ends.
         """
         time = np.asarray(time, float)
         at = locate(self.time, time)
@@ -322,7 +298,6 @@ class SensorFrames:
         )
 
     def _columns(self, names: tuple[str, ...], columns: Sequence[int]) -> "SensorFrames":
-        """The sensors of these columns, by these names."""
         return replace(
             self,
             names=names,
@@ -333,12 +308,12 @@ class SensorFrames:
 
 
 def mirrored_name(name: str) -> str:
-    """The name on the other side of the body: l_wrist for r_wrist; a middle part keeps its name."""
+    """The name on the other side of the body: l_wrist for r_wrist. A middle part keeps its name."""
     return {"l_": "r_", "r_": "l_"}.get(name[:2], name[:2]) + name[2:]
 
 
 def _mirror_order(names: tuple[str, ...]) -> tuple[tuple[str, ...], list[int]]:
-    """Names after mirroring and, for each, the column it comes from. Names with both sides present keep their order."""
+    """Names after mirroring, in the same order if both sides are present, and their columns."""
     mirrored = tuple(mirrored_name(name) for name in names)
     new_names = names if set(mirrored) == set(names) else mirrored
     return new_names, [mirrored.index(name) for name in new_names]
@@ -357,7 +332,7 @@ def _index(name: str, names: tuple[str, ...], what: str, *, where: str = "") -> 
 
 
 def _freeze(owner: object, name: str, shape: tuple[int | None, ...], dtype: type = float) -> None:
-    """Check the shape of an array field (None: any) and store it contiguous and read-only."""
+    """Check the shape of a field (None: any) and store it contiguous and read-only."""
     given = getattr(owner, name)
     array: NDArray[np.generic] = np.ascontiguousarray(given, dtype)
     assert array.ndim == len(shape) and all(
@@ -369,18 +344,12 @@ def _freeze(owner: object, name: str, shape: tuple[int | None, ...], dtype: type
     object.__setattr__(owner, name, array)
 
 
-# How tall a body is, measured along its bones.
-
 HEAD_CENTRE, ANKLE = 0.936, 0.039
-"""Heights of the eyes (level with the centre of the head) and of the ankle, as shares of stature (Drillis, Contini)."""
+"""Heights of the centre of the head (that of the eyes) and of the ankle by stature (Drillis, Contini)."""
 
 
 def stature(skeleton: Skeleton) -> float | None:
-    """Height in the skeleton's unit, None without a leg, the neck or the head.
-
-    Along the bones (ankle, knee, hip, middle of the hips, chest, neck, centre of the head), so it does not depend on
-    how the rest pose stands.
-    """
+    """Height in the skeleton's unit, along its bones, so in any rest pose. None without a leg, the neck or the head."""
     needed = ("l_hip", "r_hip", "l_knee", "l_ankle", "neck", "head")
     if not set(needed) <= set(skeleton.names):
         return None
@@ -390,20 +359,16 @@ def stature(skeleton: Skeleton) -> float | None:
     return (leg + fsum(norm(b - a) for a, b in pairwise(trunk))) / (HEAD_CENTRE - ANKLE)
 
 
-# The grid to which sensors are rounded: finer than any sensor's resolution, so that a recording of them stays small.
-#
-# Interpolation, smoothing and turning fill all 52 bits of a number, of which the last 30 hold no information. They
-# cannot be compressed, and replay needs the followed samples to the bit. So these samples are rounded first.
+# The grid is finer than any sensor. The last 30 bits of interpolated numbers hold no information, but do not compress.
 
 STEP_M = 2.0**-20
-"""Step, m, to which positions are rounded: a micrometre."""
+"""Step of positions, a micrometre."""
 STEP_TURN = 2.0**-22
-"""Step to which the numbers of a quaternion are rounded: half a microradian. It misses unit length by less than
-that."""
+"""Step of the entries of a quaternion, half a microradian."""
 
 
 def on_grid(sensors: SensorSample) -> SensorSample:
-    """The same sensors at the nearest points of the grid; what is NaN stays so."""
+    """The same sensors at the nearest points of the grid; NaN stays NaN."""
     return replace(
         sensors,
         position=np.rint(sensors.position / STEP_M) * STEP_M,

@@ -1,7 +1,7 @@
 """`Pipeline`: from a sensor sample to checked joint goals in one call, for programs with their own loop and bus.
 
-It moves a robot by what a run moves it by, `retarget.run.tick.step`, over servos that are always at their goals. It has
-no files beyond configurations, no threads, no bus and no clock: it counts its ticks.
+It calls the tick of a run, `retarget.run.tick.step`, with servos that are always at their goals. It has no threads, no
+bus and no clock, and reads configurations only.
 """
 
 import re
@@ -48,17 +48,17 @@ from retarget.sources.streams.stream_frame import unusable
 from retarget.types import FloatArray, HumanPosture, RunState
 
 DT_TOLERANCE = 0.01
-"""Share by which `dt` may differ from the period of the pipeline: the gate keeps speeds for that period."""
+"""Relative tolerance of `dt` against the period of the pipeline, for which the gate keeps speeds."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Goal:
     """The result of one tick.
 
-    joint_positions (n,): rad, by joint_names, to be sent now. gated: something else than following asked for, because
-    that was refused. hold_reason: why the robot holds, or has failed and brakes; else "". human: the performer.
-    landmarks_asked, landmarks_reached (k, 3): m, by landmark_names, in the robot's world; NaN in a tick in which the
-    robot does not follow. Without a robot n and k are 0.
+    joint_positions (n,): rad, by joint_names, to be sent now. gated: true if the gate refused the goal of following.
+    hold_reason: why the robot holds, or has failed and brakes; else "". landmarks_asked, landmarks_reached (k, 3):
+    desired and actual, m, by landmark_names, in the robot's world; NaN if the robot does not follow. Without a robot n
+    and k are 0.
     """
 
     joint_names: tuple[str, ...]
@@ -81,10 +81,10 @@ class SensorReader:
         self._given: tuple[str, ...] = ()
         self._columns: list[int] = []
         self.lost: tuple[str, ...] = ()
-        """The base sensors that were not valid in the sample that was read last."""
+        """The base sensors that were not valid in the last sample."""
 
     def read(self, sample: SensorSample) -> SensorSample | None:
-        """The sample, in which what is no pose in a room is not valid; None where a base sensor is not valid.
+        """The sample without impossible poses; None if a base sensor is not valid.
 
         Raises UsageError for a sample without all sensors of the performer, or of a wrong shape.
         """
@@ -94,7 +94,7 @@ class SensorReader:
         columns = self._columns
         position, orientation = sample.position.take(columns, axis=0), sample.orientation.take(columns, axis=0)
         turns = orientation.copy()
-        turns[np.isnan(turns[:, 0])] = IDENTITY  # not known, which is no fault
+        turns[np.isnan(turns[:, 0])] = IDENTITY  # an unknown orientation is valid
         valid = sample.valid.take(columns) & ~unusable(position, turns)
         usable = valid.tolist()
         self.lost = tuple(self.names[row] for row in self._base if not usable[row])
@@ -117,7 +117,7 @@ class SensorReader:
 
 
 def _check_shapes(sample: SensorSample) -> None:
-    """Raise UsageError for arrays that are not one row per name."""
+    """Raise UsageError unless the arrays have one row per name."""
     k = len(sample.names)
     found = sample.position.shape, sample.orientation.shape, sample.valid.shape
     if found != ((k, 3), (k, 4), (k,)):
@@ -185,12 +185,12 @@ class Pipeline:
 
     @property
     def state(self) -> RunState:
-        """IDLE before `start`, then APPROACH, FOLLOW or HOLD; from the `step` after `stop` on STOPPING, then OFF."""
+        """IDLE before `start`, then APPROACH, FOLLOW or HOLD; after `stop` STOPPING, then OFF."""
         return self._supervisor.state
 
     @property
     def stands(self) -> bool:
-        """Whether the last goals were for one posture: no motion is left to brake."""
+        """True if the last goals were for one posture, so that no motion is left to brake."""
         return self._machine is None or self._supervisor.over or self._motion.stands(self._state.commanded)
 
     def start(
@@ -203,10 +203,10 @@ class Pipeline:
         """Begin with a performer who stands still as in `sample`. This takes half a second; goals begin with `step`.
 
         present: the robot's joint positions, rad (n,), from which it goes slowly to its stance, then to the performer's
-        posture; None: those of the last goal, before the first one those of the stance. calibration: the performer's
-        size; None: it is measured from the sample, a rest pose. Raises InputError: not a rest pose, left and right are
-        swapped or limbs crossed, or sensors are not valid; UsageError: `present` is not finite or far beyond the
-        servos' limits, or the robot still moves; HardwareError: no servo turns so far. Then nothing has changed.
+        posture; None: those of the last goal, at first those of the stance. calibration: the performer's size; None: it
+        is measured from the sample, a rest pose. Raises InputError for another pose, swapped sides, crossed limbs or
+        invalid sensors, UsageError for impossible `present` and while the robot moves, HardwareError for a joint
+        position that no servo reaches. After an error nothing has changed.
         """
         if not self.stands:
             raise UsageError(
@@ -251,8 +251,7 @@ class Pipeline:
             supervisor.take(event, self._now)
 
     def _armed(self, robot: RobotBody, motion: RobotMotion, present: FloatArray | None) -> tuple[Guard, Commanded]:
-        """A guard over servos that are where the robot is, or was sent to last, and always at their goals; and where
-        the robot is commanded to."""
+        """A guard over servos that are always at their goals, and the commanded posture at the start."""
         last = None if self._machine is None else self._machine.guard.goal
         begin = motion.approach.first.joint_positions if last is None else last.joints
         if present is not None:
@@ -266,11 +265,10 @@ class Pipeline:
         return guard, commanded
 
     def step(self, sample: SensorSample | None, dt: float) -> Goal:
-        """The goal of the next tick. sample: the newest; None, or one without valid base sensors: the robot brakes on
-        its soles, holds, and comes back slowly, as it does for sensors that move as no person can. A hold has no limit
-        in time: you end it, by `stop`. dt: s, the period of your loop. Raises UsageError for another dt, other sensors,
-        or before `start`; then nothing has changed. Where anything else fails, which would be a defect, the robot
-        brakes as after `stop`, and `hold_reason` of the goals says why."""
+        """The goal of the next tick. sample: the newest. For None, invalid base sensors, or sensors that move as no
+        person can, the robot brakes on its soles, holds, and comes back slowly; `stop` ends a hold. dt: s, the period
+        of your loop. Raises UsageError for another dt, other sensors, or before `start`; then nothing has changed.
+        After any other error the robot brakes as after `stop`, and `hold_reason` gives it."""
         if self._reconstructor is None:
             raise UsageError("no performer yet", where="Pipeline.step", next_step="Call start(sample) first")
         _check_type("dt", dt, Real, f"{self.dt:g} s", "Pipeline.step")
@@ -321,7 +319,7 @@ class Pipeline:
         )
 
     def _without_robot(self, reconstructor: Reconstructor) -> Goal:
-        """The human alone; it stays as it is without a valid sample, and a sensor that has jumped takes no part."""
+        """The goal of the human alone, whose posture stays without a valid sample."""
         if self._operator.stop is not None:
             self._supervisor.take(Event.STOP, self._now)
         if self._samples.seen is not None:
@@ -331,11 +329,10 @@ class Pipeline:
 
 
 A_SAMPLE = "a SensorSample, as `retarget.SensorSample.of(positions)` makes one"
-"""What a sample has to be, in messages."""
+"""Allowed type of a sample, in messages."""
 
 
 def _check_type(argument: str, value: object, kinds: type | UnionType, allowed: str, call: str = "Pipeline") -> None:
-    """Raise UsageError for an argument of another type."""
     if not isinstance(value, kinds):
         found = f"{type(value).__name__} {value!r:.60}"
         raise UsageError("a wrong type", where=f"{call}, {argument}", found=found, allowed=allowed)
@@ -346,8 +343,7 @@ _OPTION = re.compile(r"--(?=(robot|performer|priorities|parts|smoothing)\b)")
 
 @contextmanager
 def _naming_arguments(argument: str = "") -> Iterator[None]:
-    """Errors that name options of the command line name the arguments of `Pipeline` instead; those that name nothing
-    are of `argument`."""
+    """Name arguments of `Pipeline` in errors, not command line options; `argument` in those without a place."""
     try:
         yield
     except RefusedError as error:
@@ -375,7 +371,7 @@ def _checked_rate(rate_hz: float) -> float:
 
 
 def _dimensions(first: SensorSample, calibration: HumanDimensions | Person | None) -> HumanDimensions:
-    """The performer's size; measured from the first sample where it is not known."""
+    """The performer's size, measured from the first sample if it is not given."""
     names, position = tuple(compress(first.names, first.valid)), first.position[first.valid]
     at, turns = dict(zip(names, position, strict=True)), dict(zip(names, first.orientation[first.valid], strict=True))
     if calibration is not None:
@@ -386,11 +382,11 @@ def _dimensions(first: SensorSample, calibration: HumanDimensions | Person | Non
 
 
 FAR_BEYOND = 0.35
-"""Servos that were moved by hand may be a little beyond their limits, rad; farther, the numbers are no radians."""
+"""Servos that were moved by hand may be this far beyond their limits, rad. Larger numbers are probably degrees."""
 
 
 def _within_reach(robot: RobotBody, given: ArrayLike) -> FloatArray:
-    """Joint positions (n,) rad that servos can have. Raises UsageError for others."""
+    """Check joint positions (n,) rad. Raises UsageError for impossible ones."""
     servos, where = robot.joint_map, "Pipeline.start, present"
     try:
         present = np.array(given, dtype=np.float64)

@@ -1,11 +1,9 @@
 """Rotations as unit quaternions, wxyz: vectorised over leading axes, and of a single instant on tuples of floats.
 
-Every function takes arrays of shape (..., 4) for quaternions, (..., 3) for vectors and (..., 3, 3) for matrices,
-broadcasts the leading axes and returns float64. Angles are radians. `rotate(q, v)` maps from the frame that q describes
-to the frame it is described in: v_parent = rotate(q_parent_child, v_child). NaN in, NaN out; no errors are raised for
-values.
+Quaternions have shape (..., 4), vectors (..., 3), matrices (..., 3, 3); leading axes are broadcast. Angles are radians.
+v_parent = rotate(q_parent_child, v_child). NaN in, NaN out; no errors are raised for values.
 
-Small on purpose: `scipy.spatial.transform` takes 0.4 s to import, longer than the whole start-up of the command line.
+`scipy.spatial.transform` is not used: it takes 0.4 s to import, and its bits differ between machines.
 """
 
 from collections.abc import Sequence
@@ -21,40 +19,39 @@ from retarget.types import FloatArray
 IDENTITY: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])  # wxyz: no rotation
 IDENTITY.flags.writeable = False
 NORM_TOLERANCE = 0.02
-"""A quaternion from outside whose norm is farther from 1 is no rounded rotation but something else."""
+"""Tolerance of the norm of a quaternion from outside, which is rounded."""
 
 _SMALL_ANGLE = 1e-8
-"""Below this angle (rad) sin(x)/x is 1 to double precision, and its quotient is not taken."""
-
+"""Below this angle (rad) sin(x)/x is 1 to double precision."""
 
 _SQUARINGS = 40
-"""Of a matrix: its power 2^40 has nothing left but its largest eigenvalue, to rounding."""
+"""Squarings of a matrix after which its power, 2^40, has only its largest eigenvalue left, to rounding."""
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> FloatArray:
-    """Hamilton product a b (..., 4): the rotation b followed by the rotation a, seen in a's parent frame."""
+    """Hamilton product a b (..., 4): the rotation b followed by the rotation a."""
     return quat_multiply(np.asarray(a, float), np.asarray(b, float))
 
 
 def conjugate(q: ArrayLike) -> FloatArray:
-    """Inverse of a unit quaternion (..., 4)."""
+    """Inverse of unit quaternions."""
     return np.asarray(np.asarray(q, float) * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def normalise(q: ArrayLike) -> FloatArray:
-    """Unit quaternion (..., 4) of the same direction; NaN where the norm is zero."""
+    """Unit quaternions; NaN for a norm of zero."""
     q = np.asarray(q, float)
     norm = norms(q)[..., None]
     return q / np.where(norm > 0.0, norm, np.nan)
 
 
 def rotate(q: ArrayLike, v: ArrayLike) -> FloatArray:
-    """Vectors v (..., 3) turned by unit quaternions q (..., 4): v + 2 w (u x v) + 2 u x (u x v)."""
+    """Vectors v turned by unit quaternions q: v + 2 w (u x v) + 2 u x (u x v)."""
     return quat_rotate(np.asarray(q, float), np.asarray(v, float))
 
 
 def to_matrix(q: ArrayLike) -> FloatArray:
-    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    """Rotation matrices of unit quaternions."""
     w, x, y, z = np.moveaxis(np.asarray(q, float), -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -65,11 +62,7 @@ def to_matrix(q: ArrayLike) -> FloatArray:
 
 
 def from_matrix(matrix: ArrayLike) -> FloatArray:
-    """Unit quaternions (..., 4) with w >= 0 of rotation matrices (..., 3, 3).
-
-    Four candidates, one for each component taken as the pivot; the one with the largest pivot is kept, so that no
-    quotient is near-singular (Shepperd's method).
-    """
+    """Unit quaternions with w >= 0 of rotation matrices (Shepperd's method: the largest pivot)."""
     m = np.asarray(matrix, float)
     m00, m11, m22 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     a, b, c = (
@@ -98,7 +91,7 @@ def from_matrix(matrix: ArrayLike) -> FloatArray:
 
 
 def from_rotation_vector(vector: ArrayLike) -> FloatArray:
-    """Exponential map: unit quaternions (..., 4) of rotation vectors (..., 3) (axis times angle in rad)."""
+    """Unit quaternions of rotation vectors (axis times angle in rad), the exponential map."""
     vector = np.asarray(vector, float)
     half = 0.5 * norms(vector)[..., None]
     near = half < _SMALL_ANGLE
@@ -106,14 +99,14 @@ def from_rotation_vector(vector: ArrayLike) -> FloatArray:
 
 
 def from_axis_angle(axis: ArrayLike, angle: ArrayLike) -> FloatArray:
-    """Unit quaternions (..., 4) of turns by `angle` (...) rad about unit axes (..., 3)."""
+    """Unit quaternions of turns by `angle` (...) rad about unit axes."""
     half = 0.5 * np.asarray(angle, float)[..., None]
     axis = np.asarray(axis, float)
     return _join(cos(half), sin(half) * axis)
 
 
 def _join(w: FloatArray, xyz: FloatArray) -> FloatArray:
-    """Quaternion (..., 4) of a scalar part (..., 1) and a vector part (..., 3), leading axes broadcast."""
+    """Quaternions of scalar parts (..., 1) and vector parts."""
     out = np.empty((*np.broadcast_shapes(w.shape[:-1], xyz.shape[:-1]), 4))
     out[..., :1] = w
     out[..., 1:] = xyz
@@ -121,7 +114,7 @@ def _join(w: FloatArray, xyz: FloatArray) -> FloatArray:
 
 
 def log(q: ArrayLike) -> FloatArray:
-    """Rotation vectors (..., 3) of unit quaternions (..., 4), the short way round: norm at most pi."""
+    """Rotation vectors of unit quaternions, with a norm of at most pi."""
     q = np.asarray(q, float)
     q = np.where(q[..., :1] < 0.0, -q, q)
     sine = norms(q[..., 1:])[..., None]
@@ -131,16 +124,13 @@ def log(q: ArrayLike) -> FloatArray:
 
 
 def angle_between(a: ArrayLike, b: ArrayLike) -> FloatArray:
-    """Angle (...) in rad, 0 to pi, of the turn from a to b (..., 4)."""
+    """Angle (...), 0 to pi, of the turn from a to b."""
     relative = multiply(conjugate(a), b)
     return np.asarray(2.0 * arctan2(norms(relative[..., 1:]), np.abs(relative[..., 0])))
 
 
 def slerp(a: ArrayLike, b: ArrayLike, share: ArrayLike) -> FloatArray:
-    """Unit quaternions (..., 4) on the short arc from a (share 0) to b (share 1); `share` has shape (...).
-
-    Exactly opposite orientations (180 degrees apart) have no short arc: one of the two is taken.
-    """
+    """Unit quaternions on the short arc from a (share 0) to b (share 1); `share` has shape (...)."""
     a, b, share = (
         np.asarray(a, float),
         np.asarray(b, float),
@@ -158,10 +148,9 @@ def slerp(a: ArrayLike, b: ArrayLike, share: ArrayLike) -> FloatArray:
 
 
 def from_euler(angles: ArrayLike, axes: str | Sequence[int]) -> FloatArray:
-    """Unit quaternions (..., 4) of rotations about the axes in the order listed, each about the axis already turned.
+    """Unit quaternions q_1 q_2 ... q_n of rotations by angles (..., n), each about an axis already turned.
 
-    angles: (..., n) rad. axes: n letters of "xyz" in any case and order (or their indices): q = q_1 q_2 ... q_n, which
-    is the channel order of a BVH file. For angles applied one after the other about fixed axes, reverse the list.
+    axes: n letters of "xyz" in any case (or their indices), in the channel order of a BVH file.
     """
     angles = np.asarray(angles, float)
     if angles.shape[-1] != len(axes):
@@ -178,10 +167,9 @@ def from_euler(angles: ArrayLike, axes: str | Sequence[int]) -> FloatArray:
 
 
 def to_euler(q: ArrayLike, axes: str | Sequence[int]) -> FloatArray:
-    """Angles (..., 3) rad of unit quaternions (..., 4) for three axes, so that `from_euler` gives q (or -q) back.
+    """Angles (..., 3) for three different axes, the inverse of `from_euler` up to the sign of q.
 
-    axes: three different letters of "xyz" (or indices). The middle angle lies in [-pi/2, pi/2]; where it is within 1e-7
-    of either end the last angle is 0 (gimbal lock).
+    The middle angle lies in [-pi/2, pi/2]; within 1e-7 of either end the last angle is 0 (gimbal lock).
     """
     i, j, k = _axis_indices(axes)
     if len({i, j, k}) != 3:
@@ -197,25 +185,21 @@ def to_euler(q: ArrayLike, axes: str | Sequence[int]) -> FloatArray:
 
 
 def shortest_arc(a: ArrayLike, b: ArrayLike) -> FloatArray:
-    """The smallest turn (..., 4) wxyz that takes direction a (..., 3) to direction b (..., 3); lengths do not matter.
-
-    Opposite directions turn about any axis across them; a zero vector gives NaN.
-    """
+    """The smallest turns from directions a to b, of any lengths but 0."""
     a, b = _unit(a), _unit(b)
     cross = np.cross(a, b)
     w = 1.0 + np.sum(a * b, axis=-1, keepdims=True)
     opposite = w < 1e-12
-    # Any axis across a: cross it with the coordinate axis that it leans to least.
+    # The cross product with the least parallel coordinate axis is well conditioned.
     across = np.cross(a, np.eye(3)[np.argmin(np.abs(a), axis=-1)])
     return normalise(np.concatenate([np.where(opposite, 0.0, w), np.where(opposite, across, cross)], axis=-1))
 
 
 def best_turn(points: ArrayLike, goals: ArrayLike) -> FloatArray:
-    """The rotation wxyz (4,) that turns points (k, 3) about their mean so that they are nearest to goals (k, 3) about
-    theirs, by least squares. Of two that are equally good, either.
+    """The rotation (4,) that turns points (k, 3) about their mean nearest to goals (k, 3) about theirs.
 
     Source: Horn, "Closed-form solution of absolute orientation using unit quaternions", 1987: the eigenvector of the
-    largest eigenvalue of a symmetric matrix. Its rows are those of the sum of b a' over the points.
+    largest eigenvalue of a symmetric matrix.
     """
     a, b = np.asarray(points, float), np.asarray(goals, float)
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matmul((a - a.mean(axis=0)).T, b - b.mean(axis=0)).tolist()
@@ -241,16 +225,14 @@ def _unit(v: ArrayLike) -> FloatArray:
 
 
 def _axis_indices(axes: str | Sequence[int]) -> list[int]:
-    """Indices 0, 1, 2 of letters "xyz" in any case, or the indices given."""
+    """Indices 0, 1, 2 of letters "xyz", or the indices given. Raises ValueError."""
     indices = ["xyz".find(letter) for letter in axes.lower()] if isinstance(axes, str) else list(axes)
     if not set(indices) <= {0, 1, 2}:
         raise ValueError(f"unknown axis in {axes!r}: use x, y and z")
     return indices
 
 
-# Rotations of a single instant, on tuples of floats: ten times quicker there than NumPy, which `rotations` is for.
-#
-# Quaternions are wxyz and unit, vectors xyz.
+# Rotations of a single instant, on tuples of floats: ten times quicker than NumPy. Quaternions are wxyz and unit.
 
 Vector = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
@@ -320,7 +302,7 @@ def axis_turn(axis: Vector, angle: float) -> Quat:
 
 
 def turn(vector: Vector) -> Quat:
-    """The rotation of a rotation vector (axis times rad)."""
+    """The rotation of a rotation vector."""
     x, y, z = vector
     angle = length(vector)
     if angle < 1e-12:
@@ -329,7 +311,7 @@ def turn(vector: Vector) -> Quat:
 
 
 def rotation_vector(q: Quat) -> Vector:
-    """The rotation vector of a rotation, the short way round."""
+    """The rotation vector of a rotation, of at most pi."""
     w, x, y, z = q if q[0] >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
     sine = length((x, y, z))
     scale = 2.0 * arctan2(sine, w) / sine if sine > 1e-12 else 2.0
@@ -337,7 +319,7 @@ def rotation_vector(q: Quat) -> Vector:
 
 
 def arc(a: Vector, b: Vector) -> Quat:
-    """The smallest rotation that takes direction a to direction b; lengths do not matter. Opposite: about any axis."""
+    """The smallest rotation that takes direction a to direction b, as `shortest_arc`."""
     ax, ay, az = a
     bx, by, bz = b
     cross = (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)

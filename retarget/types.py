@@ -12,31 +12,28 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 ModeArray = NDArray[np.uint8]
-"""What observers do: 0 free, 1 preventive, 2 reactive."""
+"""Modes of observers: 0 free, 1 preventive, 2 reactive."""
 MM = 1e3
 """Millimetres in a metre."""
 Notify = Callable[[str], object]
-"""Takes a message for the operator, one sentence without a line end. It must be said, unless it is `News`."""
+"""Takes a message of one sentence for the operator."""
 
 
 class News(str):
-    """A message that may come again and again, and may be counted instead of said.
-
-    kind: what comes again, without times and counts; usually the text. is_due: the first of its kind must be said.
-    """
+    """A message whose repeats, known by their kind, may be counted, not shown. is_due: the first must be shown."""
 
     kind: str
     is_due: bool
 
     def __new__(cls, text: str, kind: str = "", *, is_due: bool = False) -> "News":
-        """Of a text, one sentence."""
+        """A message of one sentence, by default its own kind."""
         news = super().__new__(cls, text)
         news.kind, news.is_due = kind or text, is_due
         return news
 
 
 class RunState(Enum):
-    """The state of a run. `retarget.run.supervisor` has the table of states and transitions."""
+    """The state of a run; `retarget.run.supervisor` has the transitions."""
 
     IDLE = "idle"
     COUNTDOWN = "countdown"
@@ -56,7 +53,7 @@ class RunState(Enum):
 
 
 class Carrying(Enum):
-    """The feet that carry. The value is what reports call it."""
+    """The feet that carry. Reports show the value."""
 
     BOTH = "both"
     LEFT = "left"
@@ -65,7 +62,7 @@ class Carrying(Enum):
 
     @property
     def feet(self) -> tuple[bool, bool]:
-        """Whether the left foot carries, and the right one."""
+        """Flags of the left and the right foot."""
         return self in (Carrying.BOTH, Carrying.LEFT), self in (Carrying.BOTH, Carrying.RIGHT)
 
 
@@ -73,19 +70,13 @@ ORIENTED: tuple[str, ...] = ("pelvis", "chest", "head")
 """Parts whose orientation is known."""
 
 
-def _no_modes() -> ModeArray:
-    return np.zeros(0, dtype=np.uint8)
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class HumanPosture:
-    """One posture, world frame.
+    """One posture of the virtual human, world frame, m.
 
-    q (nq,): as the solver has it. joint_names: m canonical names; joints (m, 3): their centres, m. orientations (3, 4):
-    wxyz of ORIENTED; the identity stands upright and faces x. centre_of_mass (3,) m. sensor_error (k,) m: distance of
-    each sensor's joint from where it was last measured, NaN where it is missing. balance_error: distance of the
-    centre of mass from its goal, m; NaN where there is none. heading: unit vector on the ground. observer_modes (o,):
-    0 free, 1 preventive, 2 reactive. carrying: which feet carry.
+    orientations (3, 4): wxyz of ORIENTED, the identity when upright and facing x. sensor_error (k,): distance of each
+    sensor's joint from its last measurement, NaN if missing. balance_error: distance of the centre of mass from its
+    goal, NaN without one. heading: unit vector on the ground.
     """
 
     q: FloatArray
@@ -96,11 +87,11 @@ class HumanPosture:
     sensor_error: FloatArray
     balance_error: float
     heading: tuple[float, float]
-    observer_modes: ModeArray = field(default_factory=_no_modes)
+    observer_modes: ModeArray = field(default_factory=lambda: np.zeros(0, dtype=np.uint8))
     carrying: Carrying = Carrying.BOTH
 
     def joint(self, name: str) -> FloatArray:
-        """Centre (3,) m of one joint."""
+        """Centre (3,) of one joint."""
         return np.asarray(self.joints[self.joint_names.index(name)])
 
     def orientation(self, name: str) -> FloatArray:
@@ -110,12 +101,10 @@ class HumanPosture:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RobotPosture:
-    """One posture of the robot, in its own world: origin on the ground between the soles, x forward.
+    """One posture of the robot, in its own world: m, origin on the ground between the soles, x forward.
 
-    q (nq,): root_position (3,) m, root_quaternion (4,) wxyz (fixed robots: where the body file has it) and joints.
-    joint_positions (n,): rad, servo order. landmarks_asked, landmarks_reached (k, 3): m, in order of landmark_names.
-    centre_of_mass (3,) m.
-    observer_modes (o,): 0 free, 1 preventive, 2 reactive, in the order of the profile.
+    root_quaternion (4,): wxyz. joint_positions (n,): rad, servo order. landmarks_asked, landmarks_reached (k, 3):
+    desired and actual. observer_modes (o,): order of the profile.
     """
 
     q: FloatArray
@@ -130,10 +119,10 @@ class RobotPosture:
 
 
 Watch = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
-"""Around what takes time: what is made, and how many steps it has; it yields what takes the steps that are done."""
+"""Progress display, given a name and a number of steps; yields a function that takes the steps done."""
 
 
 @contextmanager
 def unwatched(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Watch nothing."""
+    """No progress display."""
     yield lambda done: None
