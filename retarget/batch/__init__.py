@@ -1,2 +1,2 @@
-"""Many clips, each retargeted by itself: where they are, one clip to one row, the index, and the engines that share the
-work."""
+"""Retargeting of data sets, clip by clip. In: motion files and options of a run. Out: a motion file for each clip, an
+index with a row for each clip, and a table. May import `setup` and all below it."""

@@ -1,4 +1,4 @@
-"""A batch: what is still to be done, an engine that does it, and the index that keeps every row."""
+"""A batch: an engine runs the remaining clips, and the index keeps their rows."""
 
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
@@ -10,15 +10,15 @@ from retarget.batch.clip import BatchClip, BatchSettings, ClipRow, ClipStatus
 from retarget.batch.index import BatchIndex, remove_parts, still_to_do
 
 Engine = Callable[[Sequence[BatchClip], BatchSettings], Generator[ClipRow, None, None]]
-"""`on_processes` or `on_ray`, with all its options."""
+"""`on_processes` or `on_ray` with their options."""
 KILLED = (ClipStatus.TIMED_OUT, ClipStatus.CRASHED, ClipStatus.OUT_OF_MEMORY)
-"""What may leave files behind that are half written."""
+"""Ends of a clip that may leave partly written files behind."""
 
 
 @dataclass
 class BatchTally:
-    """todo: clips of this batch. done_before, failed_before: those of the index that are not run again. counts: rows
-    of this batch, by status. seconds: since it began."""
+    """Progress of a batch. todo: number of its clips. done_before, failed_before: clips of the index that are not run
+    again. counts: rows by status. seconds: since the start."""
 
     todo: int
     done_before: int
@@ -28,17 +28,17 @@ class BatchTally:
 
     @property
     def over(self) -> int:
-        """Clips of this batch that are over."""
+        """Number of clips with a row."""
         return self.counts.total()
 
     @property
     def failed(self) -> int:
-        """Those of them without an output."""
+        """Number of clips with a row and without an output."""
         return sum(count for status, count in self.counts.items() if not status.has_output)
 
     @property
     def seconds_left(self) -> float | None:
-        """How long the rest takes at the rate so far, s; None before there is one."""
+        """Estimated time for the remaining clips, s; None before the first row."""
         return (self.todo - self.over) * self.seconds / self.over if self.over else None
 
 
@@ -52,9 +52,9 @@ def run_batch(
     look: Callable[[BatchTally, ClipRow | None], None] = lambda tally, row: None,
     clock: Clock | None = None,
 ) -> BatchTally:
-    """Run the clips that are not done yet, and keep each row in the index. look: sees the tally at the beginning, and
-    with each row. Whatever ends it, it can be called again. Raises RetargetError where no clip can be begun, or
-    one would replace what was not made of its source."""
+    """Run the clips that are not done yet, and keep each row in the index. It can be called again after any end. look:
+    receives the tally at the beginning and with each row. Raises RetargetError if no clip can be begun, or an output
+    would replace a file that was not made of its source."""
     clock = clock or MonotonicClock()
     known = index.known()
     todo = still_to_do(clips, settings, known, retry_failed=retry_failed)

@@ -1,5 +1,5 @@
-"""One clip of a data set: a motion file in, one output out, and a small row about it. A clip changes nothing of
-another one, so that any engine may run any clip anywhere."""
+"""One clip of a data set: a motion file in, one output and a row out. Clips are independent, so that any engine may run
+any clip anywhere."""
 
 import hashlib
 import importlib
@@ -32,7 +32,7 @@ from retarget.recording.session import config_files
 from retarget.report.findings import findings
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import moved_joints
-from retarget.report.report import DIGITS, Report
+from retarget.report.report import DIGITS
 from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
 from retarget.run.prepare import performance_of, prepare_for
@@ -44,21 +44,21 @@ from retarget.sources.open import open_source
 from retarget.types import Notify, RunState
 
 RUN = "run"
-"""Name of the format of `--save`: the whole run. Every other one is a format of `retarget export`."""
+"""Format of `--save`, the whole run. All other formats are those of `retarget export`."""
 LONGEST_TEXT = 500
-"""Most characters of a text in a row, so that rows stay small."""
+"""Longest text in a row, characters."""
 
 
 class ClipStatus(StrEnum):
-    """What became of a clip."""
+    """The end of a clip."""
 
     DONE = "done"
     STOPPED = "stopped"
-    """The guard ended the run early: the output is there, and ends early."""
+    """The guard ended the run early, and the output ends early."""
     REFUSED = "refused"
-    """A file that cannot be read, or a motion that cannot be followed."""
+    """The file cannot be read, or the motion cannot be followed."""
     FAILED = "failed"
-    """An unforeseen error."""
+    """There was an unforeseen error."""
     TIMED_OUT = "timed out"
     CRASHED = "crashed"
     """The process ended."""
@@ -66,13 +66,13 @@ class ClipStatus(StrEnum):
 
     @property
     def has_output(self) -> bool:
-        """Whether a clip of this status has an output."""
+        """True if a clip of this status has an output."""
         return self in (ClipStatus.DONE, ClipStatus.STOPPED)
 
 
 @dataclass(frozen=True, slots=True)
 class BatchClip:
-    """A clip. source: absolute path of the motion file. output: path below the folder of outputs, with `/`."""
+    """A clip. source: absolute path of the motion file. output: path below the folder of outputs, POSIX."""
 
     source: str
     output: str
@@ -80,9 +80,9 @@ class BatchClip:
 
 @dataclass(frozen=True)
 class BatchSettings:
-    """What all clips of a batch share. out: absolute path of the folder of outputs. reading: of `open_source`. format,
-    fps: of the outputs; None: a row a tick. bench: importable name (`module:attribute`) of a `MakeBench`. hash:
-    SHA-256 of all that an output depends on but its source."""
+    """Settings of all clips of a batch. out: absolute path of the folder of outputs. reading: options of `open_source`.
+    format, fps: of the outputs, None for a row per tick. bench: importable name (`module:attribute`) of a `MakeBench`.
+    hash: SHA-256 of all inputs of an output except its source."""
 
     out: Path
     options: RunOptions
@@ -94,16 +94,16 @@ class BatchSettings:
 
 
 class ClipBench(Protocol):
-    """What stands in for hardware in the run of one clip."""
+    """Simulated hardware of the run of one clip."""
 
     def make_bus(self, robot: RobotBody, clock: Clock) -> ServoBus:
         """Make the bus of the run."""
 
     def look(self, machine: Machine, samples: Samples) -> tuple[StopCause, str] | None:
-        """Look at it once a tick; returns why the run is to stop."""
+        """Check the simulation once a tick. Returns the reason for a stop, if there is one."""
 
     def seen(self, run: RunResult) -> RunResult:
-        """Add what it has measured to a run that is over."""
+        """Add the measurements of the simulation to a finished run."""
 
 
 MakeBench = Callable[[RunOptions, Notify], ClipBench]
@@ -111,15 +111,14 @@ MakeBench = Callable[[RunOptions, Notify], ClipBench]
 
 @dataclass(frozen=True, kw_only=True)
 class ClipRow:
-    """What is known of a clip. A number that is not known is None.
+    """The row of a clip. Unknown numbers are None.
 
-    format: of the output. error: class of the error; message: in a sentence. verdict: whether the robot followed, and
-    differs: what differs, as `retarget run` prints them. stop: why the guard ended the run. frames: of the source that
-    were played; ticks: of the run; seconds: that followed; took_s: wall time. tracking_mm, tracking_max_mm: of
-    landmarks, mean of all and largest; likeness_deg, likeness_worst_deg: of limbs, mean of all and mean of the worst.
-    foot_slide_mm: as in a report. penetrating_ticks: in which the body was in itself or in the scene; clearance_mm: to
-    itself. at_position_limit, at_velocity_limit, at_acceleration_limit, gated: shares of the ticks that followed.
-    fallen: in physics. source_bytes, source_time_ns: size and time of change of the source.
+    error: class of the error; message: in a sentence. verdict, differs: as `retarget run` prints them. stop: reason of
+    the guard. frames: played frames of the source; ticks: of the run; seconds: of following; took_s: wall time.
+    tracking_mm, tracking_max_mm: mean and maximum of landmarks; likeness_deg, likeness_worst_deg: mean of limbs, and of
+    the worst limb. foot_slide_mm: as in a report. penetrating_ticks: ticks with contact of the body with itself or the
+    scene; clearance_mm: to itself. at_position_limit, at_velocity_limit, at_acceleration_limit, gated: shares of the
+    ticks that followed. source_bytes, source_time_ns: size and modification time of the source.
     """
 
     source: str
@@ -154,38 +153,36 @@ class ClipRow:
     settings_hash: str = ""
 
     def as_json(self) -> str:
-        """The row as a line of JSON; numbers are rounded as in a report, and null where they are not finite."""
-        return json.dumps({field.name: _plain(getattr(self, field.name)) for field in fields(self)}, allow_nan=False)
+        """The row as a line of JSON. Numbers are rounded as in a report, and null if they are not finite."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        for name, value in values.items():
+            if isinstance(value, float):
+                values[name] = float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
+        return json.dumps(values, allow_nan=False)
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, float):
-        return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
-    return value
-
-
-# Hashes, by which a clip is known to be done.
+# Hashes, by which finished clips are recognised.
 
 
 @dataclass(frozen=True, slots=True)
 class SourceState:
-    """The files of a source: bytes in all, and the latest time of change, ns; -1: one of them is not there."""
+    """Total size and latest modification time, ns, of the files of a source; -1 if one is missing."""
 
     bytes: int
     time_ns: int
 
 
 def files_of(source: Path, reading: Mapping[str, Any]) -> list[Path]:
-    """The files that a motion is read from: its own, the skeleton of an AMC, the table of a C3D's markers."""
+    """Return the files of a motion: its own, the skeleton of an AMC, the table of a C3D's markers."""
     beside = [Path(reading[option]) for option in ("skeleton", "markers") if reading.get(option) is not None]
     if source.suffix.lower() == ".amc" and reading.get("skeleton") is None:
-        with suppress(InputError, OSError):  # the reader says so
+        with suppress(InputError, OSError):  # the reader reports it
             beside.append(find_skeleton(source))
     return [source, *beside]
 
 
 def source_state(source: Path, reading: Mapping[str, Any]) -> SourceState:
-    """Size and time of the files of a source."""
+    """Return the state of the files of a source."""
     try:
         found = [path.stat() for path in files_of(source, reading)]
     except OSError:
@@ -194,11 +191,11 @@ def source_state(source: Path, reading: Mapping[str, Any]) -> SourceState:
 
 
 def source_hash(source: Path, reading: Mapping[str, Any]) -> str:
-    """SHA-256 of what is in the files of a source; "" where one cannot be read."""
+    """Return the SHA-256 of the files of a source, "" if one cannot be read."""
     whole = hashlib.sha256()
     try:
         for path in files_of(source, reading):
-            if not path.is_file():  # a pipe might be waited for without an end
+            if not path.is_file():  # a pipe might block forever
                 return ""
             with path.open("rb") as stream:
                 whole.update(hashlib.file_digest(stream, "sha256").digest())
@@ -216,8 +213,8 @@ def batch_settings(
     form: str = RUN,
     fps: float | None = None,
 ) -> BatchSettings:
-    """The settings of a batch, with their hash: of the version, of all options, and of what is in the robot's profile,
-    body and calibration, in the priority files, the performer and the scene. form: the format. Raises RetargetError."""
+    """Return the settings of a batch. Their hash covers the version, all options, and the files of profile, body,
+    calibration, priorities, performer and scene. form: the format. Raises RetargetError."""
     if form != RUN:
         fps = format_named(form).conventions.fps if fps is None else fps
     robot = None if options.is_human else load_robot(options.robot, root=options.root)
@@ -239,11 +236,11 @@ def batch_settings(
 # From a clip to its row.
 
 Follow = Callable[[BatchClip, BatchSettings], ClipRow]
-"""Runs one clip and writes its output, as `follow_clip` does. May raise anything."""
+"""Run one clip and write its output, like `follow_clip`. May raise anything."""
 
 
 def process_clip(clip: BatchClip, settings: BatchSettings, follow: Follow | None = None) -> ClipRow:
-    """Retarget one clip; every error becomes a row. follow: in place of `follow_clip`."""
+    """Retarget one clip. Every error becomes a row. follow: in place of `follow_clip`."""
     clock = MonotonicClock()
     begun = clock.now()
     try:
@@ -260,7 +257,7 @@ def process_clip(clip: BatchClip, settings: BatchSettings, follow: Follow | None
 
 
 def failed_row(clip: BatchClip, settings: BatchSettings, status: ClipStatus, error: str, message: str) -> ClipRow:
-    """The row of a clip without an output."""
+    """Return the row of a clip without an output."""
     return _row(clip, settings, status, error=error, message=message)
 
 
@@ -284,10 +281,8 @@ def _row(clip: BatchClip, settings: BatchSettings, status: ClipStatus, **known: 
 
 
 def follow_clip(clip: BatchClip, settings: BatchSettings) -> ClipRow:
-    """Let the robot follow a clip on virtual time, write the output, whole or not at all, and measure the run.
-
-    Raises RetargetError for what cannot be read, followed or written.
-    """
+    """Follow a clip in virtual time, write the output, whole or not at all, and measure the run. Raises RetargetError
+    if a file cannot be read or written, or the motion cannot be followed."""
     options, frames_of = settings.options, lambda: open_source(Path(clip.source), **dict(settings.reading))
     make_bench: MakeBench = importable(settings.bench)
     bench = make_bench(options, lambda text: None)
@@ -302,20 +297,18 @@ def follow_clip(clip: BatchClip, settings: BatchSettings) -> ClipRow:
 
 
 def importable(name: str) -> Any:
-    """The object of an importable name, `module:attribute`."""
+    """Return the object of an importable name, `module:attribute`."""
     module, _, attribute = name.partition(":")
     return getattr(importlib.import_module(module), attribute)
 
 
 @lru_cache(maxsize=1)
 def _robot(name: str, root: Root | None) -> RobotBody:
-    """The robot of all clips of a process: what is measured on its body is measured once."""
+    """The robot of all clips of a process, so that its body is measured once."""
     return load_robot(name, root=root)
 
 
 class _BenchOperator(Operator):
-    """Stops a run for what its bench sees: a robot that has fallen."""
-
     def __init__(self, bench: ClipBench, machine: Machine | None, samples: Samples) -> None:
         self._bench, self._machine, self._samples = bench, machine, samples
 
@@ -326,7 +319,7 @@ class _BenchOperator(Operator):
 
 
 def places_of(clip: BatchClip, settings: BatchSettings) -> list[Path]:
-    """What a clip leaves: its output and, of a whole run of the virtual human, its body beside it."""
+    """Return the output files of a clip: one, and for a whole run of the virtual human its body beside it."""
     place = settings.out / clip.output
     with_body = settings.options.is_human and settings.format == RUN
     return [place, human_body_path(place)] if with_body else [place]
@@ -341,13 +334,14 @@ def _write(run: RunResult, clip: BatchClip, settings: BatchSettings) -> None:
     motion = followed(motion_of(run, clip.source), found=run.reason or "no such tick")
     if settings.fps is not None:
         motion = resampled(motion, settings.fps)
-    # The index has seen that what is here was made of this source.
+    # The index has checked that an existing file was made of this source.
     export_motion(motion, format_named(settings.format), place, overwrite=True)
 
 
 def _measured(run: RunResult, clip: BatchClip, settings: BatchSettings) -> ClipRow:
     report = measure(run)
-    verdict, _, differs = _verdict(run, report).partition(": ")
+    following = next((one.measured for one in findings(run, report) if one.name == "following"), "")
+    verdict, _, differs = following.partition(": ")
     tracking = report.tracking_mm.values()
     limbs = [one.mean for one in (report.likeness_recorded_deg or report.likeness_deg or {}).values()]
     gated = run.record.gated[run.record.following]
@@ -376,14 +370,14 @@ def _measured(run: RunResult, clip: BatchClip, settings: BatchSettings) -> ClipR
 
 
 AT_LIMIT = 0.999
-"""Share of its largest speed or acceleration from which on a joint is at it."""
+"""Share of its greatest speed or acceleration from which on a joint is at the limit."""
 AT_POSITION = 1e-4
-"""Nearer to the limit of its position than this, rad or m, a joint is at it."""
+"""Distance from its limit within which a joint is at it, rad or m."""
 
 
 def limit_shares(run: RunResult) -> dict[str, float]:
-    """Shares of the ticks that followed in which a joint at least is at its limit, by the fields of a row; empty where
-    fewer than three ticks followed."""
+    """Return the shares of the ticks that followed in which at least one joint is at its limit, by the fields of a row;
+    {} if fewer than three ticks followed."""
     moved = moved_joints(run)
     q, limits, dt = moved.positions[run.record.following], moved.limits, moved.dt
     if len(q) < 3 or not moved.names:
@@ -395,10 +389,6 @@ def limit_shares(run: RunResult) -> dict[str, float]:
         "acceleration": np.abs(np.diff(step, axis=0)) >= AT_LIMIT * dt**2 * limits.max_acceleration,
     }
     return {f"at_{kind}_limit": float(flags.any(axis=1).mean()) for kind, flags in at.items()}
-
-
-def _verdict(run: RunResult, report: Report) -> str:
-    return next((one.measured for one in findings(run, report) if one.name == "following"), "")
 
 
 def _mean(values: list[float]) -> float | None:

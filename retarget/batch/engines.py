@@ -1,7 +1,7 @@
-"""What shares the clips of a batch: processes of this machine, or Ray, on this machine or on a cluster.
+"""Engines that run the clips of a batch: processes of this machine, or Ray, on this machine or on a cluster.
 
-An engine takes clips as it has room for them, and yields their rows in the order in which they are over. On both,
-`ClipWorker` isolates a clip, so that rows mean the same, and the bytes of outputs are.
+An engine yields rows in the order in which clips end. Both isolate a clip in a `ClipWorker`, so that rows and outputs
+are the same.
 """
 
 import os
@@ -16,7 +16,7 @@ from retarget.errors import UsageError, install_step
 
 
 def usual_jobs() -> int:
-    """The processors that this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -28,7 +28,7 @@ def on_processes(
     jobs: int,
     work: Work = process_clip,
 ) -> Generator[ClipRow, None, None]:
-    """Rows of clips, by so many processes of this machine. They end with this generator, and with its process."""
+    """Yield rows of clips from `jobs` processes of this machine. They end with this generator, and with its process."""
     left = iter(clips)
     workers = [ClipWorker(work, settings, limits) for _ in range(jobs)]
     busy = list[ClipWorker]()
@@ -56,11 +56,11 @@ def on_processes(
 # Ray: a task for each clip, whose worker process keeps a `ClipWorker`.
 
 IN_FLIGHT = 2
-"""Tasks for each processor that are handed out: one runs, one waits."""
+"""Tasks per processor: one runs, one waits."""
 CPUS_S = 10.0
-"""Time, s, after which the processors of the cluster are counted again: it may grow."""
+"""Time between counts of the processors of a cluster, which may grow, s."""
 STORE = 100 * 2**20
-"""Bytes of the object store of a Ray that is started here: rows and paths alone go through it."""
+"""Object store of a local Ray, bytes: it only has rows and paths."""
 
 
 def on_ray(
@@ -72,11 +72,11 @@ def on_ray(
     address: str | None = None,
     work: Work = process_clip,
 ) -> Generator[ClipRow, None, None]:
-    """Rows of clips, by tasks of Ray. address: of a cluster; without it that of RAY_ADDRESS, else Ray is started here,
-    with `jobs` processors. On a cluster, `jobs` is the most that are used at once.
+    """Yield rows of clips from tasks of Ray. address: of a cluster, by default RAY_ADDRESS; without both, a local Ray
+    is started with `jobs` processors. On a cluster, `jobs` is the most that are used at once.
 
-    The source and output paths must be those of all nodes, and this program installed there. Raises UsageError without
-    Ray, or where there is no such cluster; WorkerError where no node can begin a clip.
+    All nodes must have the same paths of sources and outputs, and this program. Raises UsageError without Ray or
+    cluster, WorkerError if no node can begin a clip.
     """
     ray = _started(address, jobs)
     task = ray.remote(num_cpus=1, max_retries=1, retry_exceptions=False)(_task)
@@ -100,14 +100,12 @@ def on_ray(
 
 
 def _started(address: str | None, jobs: int | None) -> Any:
-    """The module `ray`, joined to a cluster or started here."""
     try:
         import ray
     except ImportError as error:
         step = f"{install_step('ray')}; or --engine processes"
         raise UsageError("ray is missing", where="--engine", found=error, next_step=step) from error
     joins = address or os.environ.get("RAY_ADDRESS")
-    # Of a Ray that is started here; a cluster has its own.
     own = {} if joins else {"num_cpus": jobs or usual_jobs(), "include_dashboard": False, "object_store_memory": STORE}
     try:
         ray.init(address=joins or "local", log_to_driver=False, logging_level="ERROR", **own)
@@ -118,7 +116,7 @@ def _started(address: str | None, jobs: int | None) -> Any:
 
 
 _kept: dict[str, ClipWorker] = {}
-"""In a worker process of Ray: what works on the clips of one batch, by the hash of its settings."""
+"""Workers of a worker process of Ray, by the hash of their batch's settings."""
 
 
 def _task(clip: BatchClip, shared: tuple[Work, BatchSettings, ClipLimits]) -> ClipRow:
@@ -129,7 +127,6 @@ def _task(clip: BatchClip, shared: tuple[Work, BatchSettings, ClipLimits]) -> Cl
 
 
 def _row_of(ray: Any, done: Any, clip: BatchClip, settings: BatchSettings) -> ClipRow:
-    """The row of a task that is over; of one that has none, what Ray says of it."""
     known = ray.exceptions
     try:
         row: ClipRow = ray.get(done)

@@ -1,6 +1,6 @@
-"""The index of a batch: a line of JSON for each clip that is over, written by the driver alone, and in the end a table.
+"""The index of a batch: a line of JSON for each finished clip, written by the driver alone, and a table at the end.
 
-Each shard has a file of its own. All of them together say what is done, whatever the shards of the next command are.
+Each shard has its own file. Together they list the finished clips for any later command, whatever its shards are.
 """
 
 import fcntl
@@ -23,12 +23,12 @@ from retarget.schema.files import make_folder, write_atomic, write_stream
 
 ALL, ALL_BEGUN = "index*.jsonl", "index*.begun"
 BLOCK = 500
-"""Rows of the table that are in memory at once."""
+"""Rows of the table in memory at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class KnownClip:
-    """What an index says of a clip; the names are those of `ClipRow`."""
+    """The fields of a `ClipRow` that are kept in memory."""
 
     source: str
     status: ClipStatus
@@ -39,10 +39,10 @@ class KnownClip:
 
 
 class BatchIndex:
-    """The index in the folder of outputs, open for one driver. Use it as a context."""
+    """The index in the folder of outputs, open for one driver: a context manager."""
 
     def __init__(self, folder: Path, shard: Shard | None = None) -> None:
-        """Open it, and lock it. Raises UsageError where it cannot be written, or another driver writes it."""
+        """Open and lock the index. Raises UsageError if it is not writable, or another driver writes it."""
         name = "index" if shard is None else f"index-{shard.number}-of-{shard.count}"
         self.folder, self.path = folder, folder / f"{name}.jsonl"
         self._whole = shard is None
@@ -70,9 +70,9 @@ class BatchIndex:
         self._file.close()
 
     def known(self) -> dict[str, KnownClip]:
-        """The latest of each clip in all files of the folder, by its output. Raises InputError."""
+        """Return the latest row of each clip in all files of the folder, by output. Raises InputError."""
         names, found = [field.name for field in fields(KnownClip)], {}
-        one_text = dict[str, str]()  # the hash of settings is the same in most rows
+        one_text = dict[str, str]()  # shares the hash of settings, which is the same in most rows
         for path in _files_of(self.folder):
             for row, _ in _rows(path):
                 values = {name: row[name] for name in names}
@@ -82,9 +82,8 @@ class BatchIndex:
         return found
 
     def begin(self, clips: Sequence[BatchClip], settings: BatchSettings, known: dict[str, KnownClip]) -> None:
-        """Take the outputs of these clips: each is new, or of the same source. They are kept beside the index until
-        they have rows, for a driver that is killed. Raises UsageError where something else would be replaced; then
-        nothing is taken."""
+        """Reserve the outputs of these clips, in a file beside the index until they have rows, so that a killed driver
+        can go on. Raises UsageError, and reserves none, if an existing file was not made of the same source."""
         begun, table = dict[str, str](), self.path.with_suffix(".parquet")
         strange = [table] if not known and os.path.lexists(table) else []
         for path in self.folder.glob(ALL_BEGUN):
@@ -104,18 +103,20 @@ class BatchIndex:
         write_atomic(self._begun_path, json.dumps(self._begun).encode(), option="--out")
 
     def add(self, row: ClipRow) -> None:
-        """Add a row; it is out of this process when the call returns."""
+        """Add a row, and flush it."""
         self._file.write(row.as_json().encode() + b"\n")
         self._file.flush()
         self._begun.pop(row.output, None)
 
     def write_table(self) -> Path:
-        """Write the latest row of each clip as Parquet beside the index, sorted by output. Without a shard, of all
-        files of the folder. Returns its path. Raises UsageError without pyarrow."""
+        """Write the latest row of each clip as Parquet beside the index, sorted by output, and return its path. Without
+        a shard it has all files of the folder. Raises UsageError without pyarrow."""
         pa = arrow()
         files = _files_of(self.folder) if self._whole else [self.path]
         latest = {row["output"]: (number, at) for number, path in enumerate(files) for row, at in _rows(path)}
-        schema = pa.schema([pa.field(name, getattr(pa, kind)()) for name, kind in _columns()])
+        arrow_types = {float: "float64", int: "int64", bool: "bool_", str: "string", ClipStatus: "string"}
+        columns = {name: (typing.get_args(kind) or (kind,))[0] for name, kind in typing.get_type_hints(ClipRow).items()}
+        schema = pa.schema([pa.field(name, getattr(pa, arrow_types[kind])()) for name, kind in columns.items()])
         place = self.path.with_suffix(".parquet")
 
         def write(stream: typing.IO[bytes]) -> None:
@@ -140,14 +141,13 @@ def _files_of(folder: Path) -> list[Path]:
 
 
 def sources_of(folder: Path) -> dict[str, str]:
-    """The source of each output in the index of a folder, and of those that were begun. Raises InputError."""
+    """Return the source of each output in the index of a folder, and of reserved ones. Raises InputError."""
     begun = [_read_begun(path) for path in folder.glob(ALL_BEGUN)]
     rows = {row["output"]: row["source"] for path in _files_of(folder) for row, _ in _rows(path)}
     return {output: source for one in begun for output, source in one.items()} | rows
 
 
 def _read_begun(path: Path) -> dict[str, str]:
-    """Sources by their outputs, of a file of `BatchIndex.begin`. Raises InputError."""
     try:
         begun = json.loads(path.read_bytes())
     except FileNotFoundError:  # another shard has ended
@@ -161,8 +161,7 @@ def _read_begun(path: Path) -> dict[str, str]:
 
 
 def _cut_half_line(file: typing.BinaryIO, path: Path) -> None:
-    """Cut what stands behind the last end of a line: a driver was killed while it wrote it. Raises InputError where
-    that is no row."""
+    """Cut an incomplete last line, which a killed driver left. Raises InputError if it is not the start of a row."""
     end, block = file.seek(0, os.SEEK_END), 1 << 16
     while end > 0:
         begin = max(end - block, 0)
@@ -179,14 +178,14 @@ def _cut_half_line(file: typing.BinaryIO, path: Path) -> None:
 
 
 BEGINS = b'{"source": "'
-"""What each row begins with."""
+"""First bytes of each row."""
 NEEDED = frozenset({"output", *(field.name for field in fields(KnownClip))})
 STATUSES = frozenset(ClipStatus)
 
 
 def _rows(path: Path) -> Iterator[tuple[dict[str, Any], int]]:
-    """The rows of an index, each with its place in the file; of one that is being written, without its last half line.
-    Raises InputError."""
+    """Yield the rows of an index, each with its offset in the file, without an incomplete last line. Raises
+    InputError."""
     with path.open("rb") as file:
         at = 0
         for number, line in enumerate(file, 1):
@@ -206,26 +205,19 @@ def _rows(path: Path) -> Iterator[tuple[dict[str, Any], int]]:
 def _line_at(file: typing.BinaryIO, at: int) -> dict[str, Any]:
     file.seek(at)
     row: dict[str, Any] = json.loads(file.readline())
-    # A name that is not UTF-8 is in JSON, and cannot be in Parquet.
+    # JSON can hold a name that is not UTF-8, but Parquet cannot.
     return {
         name: value.encode(errors="backslashreplace").decode() if isinstance(value, str) else value
         for name, value in row.items()
     }
 
 
-def _columns() -> Iterator[tuple[str, str]]:
-    """Names of the columns, and their types in Arrow."""
-    kinds = {float: "float64", int: "int64", bool: "bool_", str: "string", ClipStatus: "string"}
-    for name, kind in typing.get_type_hints(ClipRow).items():
-        yield name, kinds[(typing.get_args(kind) or (kind,))[0]]
-
-
-# What is still to be done, and what a process left behind that was killed.
+# Remaining clips, and leftovers of killed processes.
 
 
 @dataclass(frozen=True)
 class Todo:
-    """clips: to be run. done, failed: how many others are done, and have failed in the same way before."""
+    """Remaining clips of a batch. done, failed: numbers of the others."""
 
     clips: tuple[BatchClip, ...]
     done: int
@@ -235,10 +227,10 @@ class Todo:
 def still_to_do(
     clips: Sequence[BatchClip], settings: BatchSettings, known: dict[str, KnownClip], *, retry_failed: bool
 ) -> Todo:
-    """The clips whose output is not there, or was made of another source or with other settings. A clip that has failed
-    is run again with `retry_failed`, and where its source or the settings are others.
+    """Return the clips without an output of the same source and settings. A failed clip is among them with
+    `retry_failed`, or if source or settings have changed.
 
-    A source of the same path, size and time of change is the same; else its hash decides.
+    A source with the same path, size and modification time is unchanged; else its hash decides.
     """
     reading, todo, done, failed = dict(settings.reading), [], 0, 0
     for clip in clips:
@@ -265,11 +257,11 @@ def _is_same(clip: BatchClip, then: KnownClip, reading: dict[str, Any]) -> bool:
 
 
 PART = re.compile(r"\.(.{1,50})\.\w{8}(\.part)?")
-"""Name of a file or folder that is written, and not yet renamed (`retarget.schema.files`)."""
+"""Name of a file or folder before it is renamed (`retarget.schema.files`)."""
 
 
 def remove_parts(out: Path, clips: Iterable[BatchClip]) -> None:
-    """Remove what processes that were killed have written half of these clips."""
+    """Remove partly written files of these clips, which killed processes left."""
     begun: dict[str, set[str]] = {}
     for clip in clips:
         output = PurePosixPath(clip.output)

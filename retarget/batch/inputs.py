@@ -1,4 +1,4 @@
-"""The clips of a batch: files, folders, patterns and lists become sorted clips, each with an output of its own."""
+"""The clips of a batch: files, folders, patterns and lists become sorted clips with distinct outputs."""
 
 import glob
 import hashlib
@@ -15,37 +15,37 @@ from retarget.errors import InputError, UsageError
 from retarget.sources.open import SUFFIXES
 
 LISTS = (".txt", ".lst", ".list")
-"""Suffixes of text files that list motion files, a path a line."""
+"""Suffixes of text files with a path per line."""
 MAX_LIST_BYTES = 256 * 2**20
 MAX_CLIPS = 1_000_000
-"""Most bytes of a list, and most clips of a batch: more is a mistake."""
+"""Largest list, bytes, and most clips of a batch: more is a mistake."""
 TABLE = re.compile(r"index(-\d+-of-\d+)?\.parquet", re.IGNORECASE)
-"""Name of a table at the top of `out`, which no output has."""
+"""Names of tables in `out`, which no output may have."""
 
 
 def find_clips(
     inputs: Sequence[str], *, out: Path, ending: str, sources: Mapping[str, str] | None = None
 ) -> tuple[BatchClip, ...]:
-    """The clips of files, folders, patterns (`**` too) and lists, sorted by their outputs, each source once.
+    """Return the clips of files, folders, patterns (also `**`) and lists, sorted by output, each source once.
 
-    A folder is searched with all below it for the suffixes of motion files, but for hidden ones and for `out`. A path
-    in a list that is not there is a clip, which fails by itself. An output has the path of its source below the folder,
-    the fixed part of the pattern or the folder of the list, and the name of its source with `ending`. Where two sources
-    would share it, or it is that of a table, names get a hash of the source's path. sources: of the outputs that the
-    index has: a source keeps its output, whatever others come beside it. Raises UsageError where an input holds no
-    clip, or an output would be in place of a source, InputError for a list that cannot be read.
+    A folder is searched recursively for motion files, without hidden ones and `out`. A missing path in a list is a clip
+    that fails. An output has the path of its source below the folder, the fixed part of the pattern, or the folder of
+    the list, with `ending`, and a hash of the source's path if it would not be unique or would be a table. sources: by
+    output, from the index: a source keeps its output. Raises UsageError if an input has no clip, or an output would
+    replace a source, InputError for an unreadable list.
     """
     real_out = Path(os.path.realpath(out))
-    below = dict[str, str]()  # source: path of the output without its ending
+    below = dict[str, str]()  # source -> path of the output without its ending
     for text in inputs:
         found = False
         for source, base in _sources(text, real_out):
-            below.setdefault(str(source), _below(source, base))
+            inside_base = source.relative_to(base) if source.is_relative_to(base) else Path(source.name)
+            below.setdefault(str(source), inside_base.with_suffix("").as_posix())
             found = True
         if not found:
             suffixes = ", ".join(f".{suffix}" for suffix in SUFFIXES)
             inside = Path(os.path.realpath(text)).is_relative_to(real_out)
-            step = "Give another --out: what is in it is no input" if inside else ""
+            step = "Give another --out: files in it are no input" if inside else ""
             raise UsageError(
                 "no motion file here", where="INPUT", found=text[:200], allowed=f"files {suffixes}", next_step=step
             )
@@ -59,7 +59,7 @@ def find_clips(
 
 
 def _outputs(below: Mapping[str, str], ending: str, sources: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Each source of `below` with its output. sources: of outputs that are there, which keep them."""
+    """Yield each source of `below` with its output. sources: by existing output, which they keep."""
     taken = {output.casefold(): source for output, source in sources.items() if source in below}
     new = list[tuple[str, str, str]]()
     for path, name in below.items():
@@ -75,7 +75,7 @@ def _outputs(below: Mapping[str, str], ending: str, sources: Mapping[str, str]) 
 
 
 def _refuse_sources(clips: Sequence[BatchClip], out: Path) -> None:
-    """Raise UsageError where an output is a source, or a folder with one in it; links are followed."""
+    """Raise UsageError if an output is a source, or a folder that contains one. Links are followed."""
     real_folder, place = cache(os.path.realpath), out.absolute()
 
     def real(path: str) -> str:
@@ -91,14 +91,8 @@ def _refuse_sources(clips: Sequence[BatchClip], out: Path) -> None:
         raise UsageError("an output would replace a source", where="--out", found=found, next_step=step)
 
 
-def _below(source: Path, base: Path) -> str:
-    """Path of a source below a folder, without its suffix; its name alone where it is elsewhere."""
-    inside = source.relative_to(base) if source.is_relative_to(base) else Path(source.name)
-    return inside.with_suffix("").as_posix()
-
-
 def _sources(text: str, out: Path) -> Iterator[tuple[Path, Path]]:
-    """The sources of an input, absolute and without `..`, each with the folder below which its output has its path."""
+    """Yield the sources of an input, absolute and without `..`, each with the base folder of its output."""
     path = _absolute(text)
     if path.is_dir():
         yield from ((found, path) for found in _in_folder(path, out))
@@ -122,7 +116,7 @@ def _sources(text: str, out: Path) -> Iterator[tuple[Path, Path]]:
 
 
 def _absolute(path: str | Path) -> Path:
-    return Path(os.path.abspath(path))  # noqa: PTH100 - `..` is taken away, and links are left as they are
+    return Path(os.path.abspath(path))  # noqa: PTH100 - removes `..` without following links
 
 
 def _in_folder(folder: Path, out: Path) -> Iterator[Path]:
@@ -138,7 +132,6 @@ def _in_folder(folder: Path, out: Path) -> Iterator[Path]:
 
 
 def _lines(path: Path) -> list[str]:
-    """The paths in a list; empty lines and those that begin with # are left out."""
     try:
         if path.stat().st_size > MAX_LIST_BYTES:
             found = f"{path.stat().st_size} bytes"
@@ -152,22 +145,20 @@ def _lines(path: Path) -> list[str]:
     return [line for line in lines if line and not line.startswith("#")]
 
 
-# Shards: every n-th clip of the sorted list, for jobs that know nothing of each other.
-
 MAX_SHARDS = 100_000
-"""Most shards: more than any array of jobs has."""
+"""Most shards, more than any array of jobs has."""
 
 
 @dataclass(frozen=True)
 class Shard:
-    """Part `number` of `count`, from 1."""
+    """Every `count`-th clip of the sorted list, from clip `number` on (1 to `count`), for an independent job."""
 
     number: int
     count: int
 
     @classmethod
     def parsed(cls, text: str) -> "Shard":
-        """From `i/N`. Raises UsageError."""
+        """Parse `i/N`. Raises UsageError."""
         number, _, count = text.partition("/")
         if number.isascii() and count.isascii() and number.isdigit() and count.isdigit():
             shard = cls(int(number[:9]), int(count[:9]))
@@ -177,5 +168,5 @@ class Shard:
         raise UsageError("no such shard", where="--shard", found=text[:80], allowed=allowed)
 
     def of(self, clips: Sequence[BatchClip]) -> Sequence[BatchClip]:
-        """Its clips."""
+        """Return its clips."""
         return clips[self.number - 1 :: self.count]

@@ -1,7 +1,7 @@
-"""A process of its own for clips, one after the other: what a clip does to it does not affect the others.
+"""A separate process for clips, one after the other, so that no clip affects the others.
 
-A clip that raises has its row from the process itself. One that hangs, ends the process or takes too much memory is
-known by what its process was doing, and the next clip gets a new one.
+The process itself returns the row of a clip that raises. If a clip hangs, ends the process or takes too much memory,
+the driver makes its row, and the next clip gets a new process.
 """
 
 import multiprocessing
@@ -22,24 +22,23 @@ from hardware.errors import RetargetError
 from retarget.batch.clip import BatchClip, BatchSettings, ClipRow, ClipStatus, failed_row
 
 THREADS = tuple(f"{library}_NUM_THREADS" for library in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "VECLIB_MAXIMUM"))
-"""Variables by which libraries for matrices are kept to one thread; they read them when they are loaded."""
+"""Variables that limit linear algebra libraries to one thread, read when they are loaded."""
 START_S = 300.0
-"""Time, s, in which a process has to load the program, on a slow disk that many processes share."""
+"""Longest time to load the program, from a slow disk that many processes share, s."""
 MAX_STARTS = 3
-"""Processes in a row that end before they begin a clip; then something is wrong with the machine, not with a clip."""
+"""Processes in a row that end before they begin a clip, from which on the machine is at fault."""
 ENDED_S = 5.0
-"""Time, s, that a killed process is waited for; one that hangs in a disk is left behind."""
-LOOK_S = 3600.0
-"""Time, s, that a worker is waited for at once: the system's `poll` takes no more than 24 days."""
+"""Longest wait for a killed process, s. One that hangs in a disk is left behind."""
+LONGEST_WAIT_S = 3600.0
+"""Longest single wait for a worker, s: the system's `poll` takes no more than 24 days."""
 
 Work = Callable[[BatchClip, BatchSettings], ClipRow]
-"""What is done with a clip: `process_clip`, or it with another `follow`. It is pickled by its name."""
+"""`process_clip`, or it with another `follow`. It is pickled by name."""
 
 
 @dataclass(frozen=True)
 class ClipLimits:
-    """What a clip may take: time_s of wall time, and memory, bytes of address space of its process. The system may not
-    know the second one (macOS)."""
+    """Limits of a clip. time_s: wall time. memory: address space of its process, bytes, which macOS does not limit."""
 
     time_s: float
     memory: int
@@ -50,7 +49,7 @@ class WorkerError(RetargetError):
 
 
 class ClipWorker:
-    """A spawned process that works on one clip at a time, and is started anew when it has ended."""
+    """A spawned process that works on one clip at a time, and is restarted when it has ended."""
 
     def __init__(self, work: Work, settings: BatchSettings, limits: ClipLimits) -> None:
         self._work, self._settings, self._limits = work, settings, limits
@@ -62,36 +61,36 @@ class ClipWorker:
         self._deadline, self._starts = 0.0, 0
 
     def begin(self, clip: BatchClip) -> None:
-        """Begin with a clip, in a new process where there is none."""
+        """Begin a clip, in a new process if there is none."""
         self._clip, self._begun = clip, None
         self._deadline = self._clock.now() + START_S
         if self._process is None:
             self._start()
-        with suppress(OSError):  # it has ended, which `look` sees
+        with suppress(OSError):  # it has ended, which `look` detects
             self._connection.send(clip)
 
     @property
     def signs(self) -> tuple[Any, ...]:
-        """What `multiprocessing.connection.wait` waits for: the worker is to be looked at."""
+        """Objects for `multiprocessing.connection.wait`. If one is ready, call `look`."""
         assert self._process is not None, "a clip was begun"
         return self._connection, self._process.sentinel
 
     @property
     def time_left(self) -> float:
-        """Time, s, after which the worker is to be looked at in any case."""
-        return min(max(self._deadline - self._clock.now(), 0.0), LOOK_S)
+        """Time after which to call `look` in any case, s."""
+        return min(max(self._deadline - self._clock.now(), 0.0), LONGEST_WAIT_S)
 
     def look(self) -> ClipRow | None:
-        """The row of the clip, once it is over. Raises WorkerError where processes do not start."""
+        """Return the row of the clip if it is over. Raises WorkerError if processes do not start."""
         process, clip = self._process, self._clip
         assert process is not None and clip is not None, "a clip was begun"
-        ended = not process.is_alive()  # before the last look at what it has sent
+        ended = not process.is_alive()  # before the last messages are read
         try:
             while self._connection.poll():
                 message: ClipRow | None = self._connection.recv()
                 if message is not None:
                     self._clip, self._starts = None, 0
-                    if message.status is ClipStatus.OUT_OF_MEMORY:  # what was not freed is not known
+                    if message.status is ClipStatus.OUT_OF_MEMORY:  # some of its memory may not be freed
                         self.end()
                     return message
                 self._begun = self._clock.now()
@@ -109,7 +108,7 @@ class ClipWorker:
         return self._lost(clip, ClipStatus.TIMED_OUT, "TimeLimit", f"not done after {self._limits.time_s:g} s")
 
     def run(self, clip: BatchClip) -> ClipRow:
-        """The row of a clip, waited for."""
+        """Run a clip, and return its row."""
         self.begin(clip)
         while True:
             wait(self.signs, self.time_left)
@@ -159,7 +158,7 @@ class ClipWorker:
 
 @contextmanager
 def _for_children() -> Iterator[None]:
-    """A process that is started here has one thread for each library. Ctrl-C is the driver's, and does not reach it."""
+    """Start processes in this context with one thread per library, and without Ctrl-C, which only ends the driver."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     resource_tracker.ensure_running()  # when it starts, it unblocks Ctrl-C in this thread
@@ -179,14 +178,14 @@ def _for_children() -> Iterator[None]:
 
 
 def _serve(connection: Connection, work: Work, settings: BatchSettings, limits: ClipLimits) -> None:
-    """Work on the clips that come, until the driver is gone. None is sent when a clip begins, then its row."""
+    """Process clips until the driver is gone. For each, None is sent when it begins, then its row."""
     threading.Thread(target=_end_with_driver, daemon=True).start()
     _limit_memory(limits.memory)
     with suppress(EOFError, OSError):
         while True:
             clip = connection.recv()
             connection.send(None)
-            # Native code that never ends may keep the thread above from running: the system then ends the process.
+            # Native code that never ends may block the thread above. Then the system ends the process.
             signal.setitimer(signal.ITIMER_REAL, limits.time_s + ENDED_S)
             row = work(clip, settings)
             signal.setitimer(signal.ITIMER_REAL, 0.0)

@@ -177,7 +177,6 @@ def ground(robot: RobotBody, q: FloatArray, rows: IntArray) -> dict[str, Any] | 
 
 
 def _recorded(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
-    """The recorded body, rotated like the performer's figure."""
     if run.human_truth is None or run.robot is not None:
         return None
     names = run.record.human_joint_names

@@ -111,7 +111,6 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) 
 
 
 def _tracking(report: Report) -> dict[str, dict[str, Spread]]:
-    """Tracking errors, by title and by name of what was followed."""
     if report.robot == "human":
         blocks = {"sensors": report.tracking_mm}
     else:

@@ -277,7 +277,6 @@ BOTH = 2
 
 
 def _over_soles(title: str) -> tuple[Figure, Axes, Axes]:
-    """Return a figure with axes for the view from above, and for a distance over time."""
     figure = new_figure(11.0, 4.6, title)
     above, time = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
     return figure, above, time
@@ -326,8 +325,6 @@ _SEEN_MM = 0.1
 
 @dataclass(frozen=True, eq=False)
 class _Track:
-    """Positions (T, k, 3), m, with the style of their lines."""
-
     label: str
     colour: str
     width: float
@@ -380,7 +377,6 @@ def plot_tracking(run: RunResult) -> Figure | None:
 
 
 def _tracks(run: RunResult, names: tuple[str, ...], reached: FloatArray, columns: list[int]) -> list[_Track]:
-    """Tracks of a robot: goals and, if servos answered, their positions. Track of a human: the reconstruction."""
     if run.robot is None:
         return [_Track("reached", REACHED, 1.0, reached[:, columns])]
     tracks = [_Track("sent", REACHED, 1.8, reached[:, columns])]
@@ -392,7 +388,6 @@ def _tracks(run: RunResult, names: tuple[str, ...], reached: FloatArray, columns
 
 
 def _show_errors(axes: Axes, time: FloatArray, tracks: list[_Track], errors: list[FloatArray]) -> None:
-    """Draw errors (T,), mm, of one landmark, and above them their mean and maximum."""
     rows = thinned(len(time))
     for line, (track, error) in enumerate(zip(tracks, errors, strict=True)):
         axes.plot(time[rows], error[rows], color=track.colour, linewidth=track.width)

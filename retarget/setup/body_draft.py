@@ -218,7 +218,6 @@ def _collides(geom: Any) -> bool:
 
 
 def _add_looks(spec: Any, looks: Looks) -> None:
-    """Add visual meshes, which neither collide nor weigh."""
     if not looks:
         return
     mujoco = engine()
@@ -388,7 +387,6 @@ def _freeze_passive(spec: Any, notes: list[str]) -> None:
 
 
 def _make_rigid(spec: Any, joints: list[Any]) -> None:
-    """Delete joints, with their actuators."""
     names = {joint.name for joint in joints}
     for actuator in list(spec.actuators):
         if actuator.target in names:

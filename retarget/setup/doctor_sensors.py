@@ -122,7 +122,6 @@ def capture_stream(stream: LiveStream, *, clock: Clock, seconds: float) -> Strea
 
 
 def _take(capture: StreamCapture, datagram: Datagram, now: float) -> None:
-    """Pass one datagram to the stream, and count what it was."""
     stream = capture.stream
     capture.arrived += 1
     if datagram.source in capture.sources or len(capture.sources) < MOST_SOURCES:
@@ -221,7 +220,6 @@ def _missing(
 
 
 def _unusable(sent: dict[str, PoseSource], capture: StreamCapture) -> list[DoctorFinding]:
-    """Findings on sensors that are sent and cannot be used: one for each, or one for all."""
     unusable = {}  # sensor -> share of the time since its first pose in which it had no valid pose, 0 to 1
     for sensor, place in sent.items():
         states = capture.states_of(sensor)[[place.position in poses for poses in capture.samples]]

@@ -75,7 +75,6 @@ def _place(address: StreamAddress) -> str:
 
 
 def _start(address: StreamAddress) -> str:
-    """The next step at the sender."""
     if address.kind == "replay":
         return "Record again: this recording holds no datagram"
     if address.kind == "natnet":
@@ -114,7 +113,6 @@ def sender_findings(address: StreamAddress, kind: str, capture: StreamCapture) -
 
 
 def _refused(address: StreamAddress, capture: StreamCapture) -> list[DoctorFinding]:
-    """Findings on refused senders."""
     found, admission = [], capture.stream.admission
     news = admission.news()
     many = {host for (host, _), reason in news if reason == NEW_SOCKETS}
@@ -134,7 +132,6 @@ def _refused(address: StreamAddress, capture: StreamCapture) -> list[DoctorFindi
 
 
 def _foreign(kind: str, capture: StreamCapture, address: StreamAddress) -> list[DoctorFinding]:
-    """Findings on datagrams of another protocol, or of a part of the protocol that is not read."""
     found, looked, counts = [], capture.kinds.total(), Counter[str]()
     for got, count in capture.kinds.items():
         counts[got.name] += count
@@ -161,7 +158,6 @@ def _is_here(host: str) -> bool:
 
 
 def _states(capture: StreamCapture) -> list[DoctorFinding]:
-    """The state that the sender reports: no avatar, bad tracking, bodies without names."""
     decoder = capture.stream.decoder
     if isinstance(decoder, VmcDecoder) and decoder.loaded is False:
         return [finding("sender/no avatar")]

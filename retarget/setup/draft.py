@@ -169,7 +169,6 @@ def _head(draft: Draft) -> Iterator[str]:
 
 
 def _entry(name: str, entry: Schema, width: int = 0) -> str:
-    """Format an entry of a section, its name padded to `width`."""
     keys = flow(entry.model_dump(by_alias=True, exclude_unset=True))
     return f"  {flow(name) + ':':<{width}} {keys}"
 

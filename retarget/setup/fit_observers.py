@@ -32,7 +32,6 @@ class Zones:
     margin: float
 
     def __post_init__(self) -> None:
-        """Raise UsageError for zones that no profile may have."""
         if not (np.isfinite(self.influence) and self.influence > 0.0):
             raise UsageError(
                 "no usable influence", where="--influence", found=f"{self.influence} m", allowed="more than 0 m"
@@ -101,8 +100,6 @@ MEET = 0.02
 
 
 class _Axes:
-    """The axes of a body's hinges in its zero pose."""
-
     def __init__(self, body: BodyModel) -> None:
         self._body, row, links = body, body.qpos0[None], body.joint_body.tolist()
         solver = body.solver_body()

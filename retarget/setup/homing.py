@@ -136,7 +136,6 @@ def home_each(
 
 
 def _limp(bus: ServoBus, confirm: Callable[[str, bool], bool], notify: Notify) -> bool:
-    """Switch torque off if the operator agrees, and return True if it is off."""
     if not confirm("Torque goes off now: hold the robot, so that it does not fall. Go on?", False):
         return False
     bus.torque(False)
@@ -145,7 +144,6 @@ def _limp(bus: ServoBus, confirm: Callable[[str, bool], bool], notify: Notify) -
 
 
 def _groups(joint_map: JointMap, chosen: BoolArray) -> list[BoolArray]:
-    """Masks (n,) of the chosen joints, one for each joint or coupling."""
     groups: dict[tuple[str, ...], BoolArray] = {}
     for index, servo in enumerate(joint_map.servos):
         if chosen[index]:
@@ -164,7 +162,6 @@ def _read_joint(
     chosen: BoolArray,
     force: bool,
 ) -> Homing | None:
-    """Read one joint (or a coupled pair). Returns None, after a notice, if it cannot be used."""
     try:
         homing = _placed(bus, joint_map, posture, notify, clock=clock, chosen=chosen)
     except BusError as error:

@@ -122,7 +122,6 @@ def _check_out(out: Path) -> None:
 
 
 def _drafted(folder: Path, name: str, robot: UnknownRobot, given: PartLinks, servo: str) -> Draft:
-    """Draft the profile, and write it with its body into the folder."""
     body, tree = robot.body, robot.tree
     links = completed(robot.proposed, given, tree)
     anatomy = find_anatomy(tree, links)

@@ -57,7 +57,6 @@ def read_links(path: Path, tree: Tree) -> PartLinks:
 
 
 def _unknown(given: PartLinks, tree: Tree) -> list[tuple[str, str]]:
-    """Given parts whose links the body does not have."""
     named = given.model_dump(include=given.model_fields_set)
     return [(part, link) for part, link in named.items() if link is not None and link not in tree.links]
 
@@ -248,7 +247,6 @@ def _off_mirror(tree: Tree, normal: FloatArray, one: int, other: int) -> float:
 
 
 def _mark(tree: Tree, node: int) -> FloatArray:
-    """Place (3,) of a branch: the mean of the middles of its parts."""
     return np.asarray(np.mean([tree.nodes[n].middle for n in tree.below(node)], axis=0))
 
 
@@ -263,7 +261,6 @@ def side_of(tree: Tree, node: int) -> tuple[int, list[str]]:
 
 
 def _words(tree: Tree, branch: int) -> list[str]:
-    """Words in the names of the joints and links of a branch."""
     nodes = [tree.nodes[node] for node in tree.below(branch)]
     return [word for node in nodes for name in (node.joint, *node.names) for word in words_of(name)]
 

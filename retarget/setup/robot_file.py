@@ -400,7 +400,6 @@ def _meshes(
 
 
 def _is_read(shape: ElementTree.Element, meshes: MeshFiles, unread: list[str]) -> bool:
-    """True for a shape without mesh, or whose mesh was read."""
     mesh = shape.find("geometry/mesh")
     if mesh is None:
         return True

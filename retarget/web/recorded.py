@@ -96,7 +96,6 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
 
 
 def _profile(body: Path) -> RobotBody | None:
-    """The robot of a body file, None without a readable profile beside it."""
     try:
         return load_robot(body.with_name("robot.yaml"), root="free")
     except RefusedError:
@@ -132,7 +131,6 @@ def _lifted(value: Any, tracks: bytearray) -> Any:
 
 
 def _animation(run: ShownRun) -> dict[str, Any]:
-    """Data of the player, like those of `animation_of`."""
     every = math.ceil(len(run) / MOST_ROWS)
     rows, cast = np.arange(0, len(run), every), run.cast
     shown = run[rows]

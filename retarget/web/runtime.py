@@ -93,7 +93,6 @@ def _folder() -> Path:
 
 
 def _fetched(package: Package, folder: Path) -> Path:
-    """Fetch the archive of a package into a folder. Raises UsageError."""
     npm = shutil.which("npm")
     specs = " ".join(one.spec for one in (VISION, POSE))
     by_hand = f"on a machine that has both, run: npm pack {specs}; and give the two .tgz files to {WHERE}"
@@ -116,7 +115,6 @@ def _fetched(package: Package, folder: Path) -> Path:
 
 
 def _checked(paths: Sequence[Path]) -> dict[Package, bytes]:
-    """Read both archives and identify them by their checksums. Raises InputError."""
     packages, found = {package.sha256: package for package in (VISION, POSE)}, dict[Package, bytes]()
     allowed = " and ".join(package.spec for package in packages.values())
     for path in paths:
@@ -144,7 +142,6 @@ def _checked(paths: Sequence[Path]) -> dict[Package, bytes]:
 
 
 def _members(archive: bytes) -> dict[str, bytes]:
-    """Files of a checked archive, by their paths without the outer folder."""
     with tarfile.open(fileobj=io.BytesIO(archive), mode="r:gz") as tar:
         files = [(one.name.partition("/")[2], tar.extractfile(one)) for one in tar if one.isfile()]
         return {name: stream.read() for name, stream in files if stream is not None}
@@ -195,8 +192,6 @@ Table = dict[int, Any]
 
 @dataclass(frozen=True, slots=True)
 class _Old:
-    """An object at this place of the old bytes."""
-
     at: int
 
 
@@ -205,7 +200,6 @@ def _uint(data: bytes, at: int) -> int:
 
 
 def _fields(data: bytes, table: int) -> dict[int, int]:
-    """Slot -> place of each field of a table."""
     layout = table - struct.unpack_from("<i", data, table)[0]
     size = struct.unpack_from("<H", data, layout)[0]
     offsets = struct.unpack_from(f"<{size // 2 - 2}H", data, layout + 4)

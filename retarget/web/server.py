@@ -173,7 +173,6 @@ class PageServer:
                 self._lost(client)
 
     async def _welcome(self, client: Client) -> None:
-        """Answer the `hello` of a browser with the newest messages. Raises _ClientRefused."""
         try:
             hello = _parsed(await asyncio.wait_for(client.socket.recv(), HELLO_S))
         except TimeoutError:
@@ -224,7 +223,6 @@ class PageServer:
             self._pause(LOST)
 
     def _take(self, client: Client, message: str | bytes) -> None:
-        """Handle one message. Raises _ClientRefused for a browser that floods, or sends an unknown message."""
         now = self.clock.now()
         client.room = min(client.room + (now - client.since) * MOST_PER_S, BURST) - 1.0
         client.since = now
@@ -359,7 +357,6 @@ class PageServer:
         self.feed.send(READY)
 
     def _show(self, row: RunTable) -> None:
-        """Send the state of a tick in words, with the tracks that are drawn."""
         cast = self._cast
         assert cast is not None, "a run sends its PageSetup first"
         tracks = live_tracks(cast, row)
@@ -367,7 +364,6 @@ class PageServer:
         self._send_to_all("state", packed_state(state, tracks.values()))
 
     def _state(self, cast: Cast, row: RunTable) -> dict[str, Any]:
-        """The state of a tick in words."""
         sensors = dict(zip(cast.sensors, row.sensors, strict=True)) if "sensors" in row else {}
         known = {name: bool(np.isfinite(at).all()) for name, at in sensors.items()}
         state = {"time": round(float(row.time), 3), "state": row.doing, "why": row.reason, "sensors": known}
@@ -382,7 +378,6 @@ class PageServer:
         return state | {"clipped": [*self._clipped(cast, row)]}
 
     def _clipped(self, cast: Cast, row: RunTable) -> Iterator[str]:
-        """Landmarks that the robot does not reach, in words."""
         if "landmarks_asked" not in row or cast.profile is None or row.doing != STATE_WORDS[RunState.FOLLOW]:
             self._moved.clear()
             return
@@ -513,7 +508,6 @@ NICENESS = 5
 
 
 async def _serve(settings: Settings, feed: socket.socket, poses: socket.socket | None) -> None:
-    """Serve until the run ends. Raises ConfigError if no port is free."""
     server = PageServer(settings, feed, poses, MonotonicClock())
     pages = Pages(served_file, listen=settings.listen, talk=server.talk, notify=server.notify)
     listener = await pages.open(settings.port)

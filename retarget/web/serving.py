@@ -184,7 +184,7 @@ class Pages:
 
 
 async def _hang_up(connection: ServerConnection) -> None:
-    """A page without a WebSocket."""
+    """Close a connection that no page needs."""
 
 
 def serve_files(
