@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bus_rig import BusRig, bus_of, moved, spec, specs
+from bus_rig import BusRig, spec, specs
 from hardware.bus import BusSpec, ServoGoals
 from hardware.dynamixel.torque import FIRST_DRIVE, RAMP_TIME
 from hardware.errors import BusError
@@ -22,12 +22,11 @@ LINES = ("one", "two", "three")
 
 
 def test_ports_cost_the_slowest_and_not_the_sum() -> None:
-    servos = [moved(spec(number), LINES[number % 3]) for number in range(1, 16)]
+    servos = [spec(number, bus=LINES[number % 3]) for number in range(1, 16)]
     wires = {name: LineTiming(latency=latency) for name, latency in zip(LINES, (0.0005, 0.001, 0.003), strict=True)}
 
     def cost(names: tuple[str, ...]) -> float:
-        some = [servo for servo in servos if servo.bus in names]
-        rig = BusRig(some, buses=[bus_of(some, name=name) for name in names], timing=wires).ready()
+        rig = BusRig([servo for servo in servos if servo.bus in names], timing=wires).ready()
         for _ in range(3):
             cycle = rig.tick()
             assert cycle.states.valid.all()
@@ -132,8 +131,7 @@ def test_an_exception_while_torque_rises_leaves_it_to_closing() -> None:
 def test_torque_that_others_switched_on_stays() -> None:
     rig = BusRig(specs(3)).ready()
     rig.bus.close()
-    for one in rig.devices:
-        one.memory.put("torque_enable", 1)
+    rig.put(torque_enable=1)
     rig.bus = rig.another()
     rig.ready()
     rig.tick()

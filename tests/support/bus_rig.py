@@ -79,20 +79,24 @@ class Tapped(EmulatedPort):
 
 
 class BusRig:
-    """Servos, lines, ports and the bus above them. supply of 12 V; shafts begin at `start`, None: their middles."""
+    """Servos, lines, ports and the buses above them, by default of one protocol at 1 or 2 Mbps. supply of 12 V; shafts
+    begin at `start`, None: their middles."""
 
     def __init__(
         self,
         servos: Sequence[ServoSpec] | None = None,
         *,
         buses: Sequence[BusSpec] = (),
+        protocol: int = 2,
+        baud: int | None = None,
         timing: LineTiming | dict[str, LineTiming] | None = None,
         gaps: Gaps = Gaps.SILENCE,
         start: Sequence[int] | None = None,
         unknown_ids: Sequence[ServoSpec] = (),
     ) -> None:
         self.servos = list(specs(20) if servos is None else servos)
-        self.buses = list(buses) or [bus_of(self.servos)]
+        names, speed = dict.fromkeys(one.bus for one in self.servos), baud or protocol * 1_000_000
+        self.buses = list(buses) or [bus_of(self.servos, name=one, protocol=protocol, baud=speed) for one in names]
         self.clock = VirtualClock()
         self.notes: list[str] = []
         protocols = {bus.name: bus.protocol for bus in self.buses}
@@ -129,6 +133,13 @@ class BusRig:
         found = next(one for one in self.devices if one.id == number)
         assert isinstance(found, EmulatedServo)
         return found
+
+    def put(self, *ids: int, **values: int) -> None:
+        """Registers of these servos, or of all, hold something else."""
+        for one in [one for one in self.devices if not ids or one.id in ids]:
+            for name, value in values.items():
+                one.memory.put(name, value)
+            one.tune()
 
     def fault(self, fault: Fault) -> None:
         """Begin a fault now."""
@@ -175,11 +186,6 @@ class BusRig:
             self.bus.write(ServoGoals(states.position))
             self.bus.torque(True)
         return self
-
-
-def moved(servo: ServoSpec, bus: str) -> ServoSpec:
-    """The same servo on another bus."""
-    return replace(servo, bus=bus)
 
 
 class GuardedBus:

@@ -79,7 +79,7 @@ MODELS = ("XM430-W350", "2XL430-W250", "XL430-W250", "MX-28", "XH540-W270", "XC3
 
 def test_models_that_differ_share_a_line() -> None:
     servos = [spec(number, model) for number, model in enumerate(MODELS, 1)]
-    rig = BusRig(servos, buses=[bus_of(servos, baud=1_000_000)]).ready(torque=True)
+    rig = BusRig(servos, baud=1_000_000).ready(torque=True)
     rig.port.sent.clear()
     goals = np.arange(len(servos)) * 7 + 2040
     for _ in range(60):
@@ -92,7 +92,7 @@ def test_models_that_differ_share_a_line() -> None:
 
 def test_protocol_1_is_read_in_bulk_or_one_by_one() -> None:
     servos = [spec(1, "MX-28"), spec(2, "MX-64"), spec(3, "AX-12A"), spec(4, "AX-12A")]
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready(torque=True)
+    rig = BusRig(servos, protocol=1).ready(torque=True)
     tables = [one.table for one in rig.devices]
     assert [kind_of(table) for table in tables] == [ReadKind.BULK1, ReadKind.BULK1, ReadKind.SINGLE1, ReadKind.SINGLE1]
     goals = np.array([2100, 2000, 530, 500])

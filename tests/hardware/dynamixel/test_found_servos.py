@@ -2,7 +2,7 @@
 
 import pytest
 
-from bus_rig import BusRig, bus_of, specs
+from bus_rig import BusRig, specs
 from hardware.dynamixel.control_table import code_of
 from hardware.dynamixel.found_servos import (
     as_bus,
@@ -20,14 +20,11 @@ from messages import refuses
 def test_all_servos_at_any_possible_speed_receive_it_within_a_second(
     model: str, protocol: int, slowest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    servos = specs(3, model)
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
+    rig = BusRig(specs(3, model), protocol=protocol, baud=1_000_000)
     rig.port.open(1_000_000)
-    slow = rig.devices[1]
-    slow.memory.put("baud_rate", code_of(slow.table, 57_600) or 0)
-    slow.tune()
-    for one in rig.devices:
-        one.memory.put("torque_enable", 1)
+    table = rig.devices[1].table
+    rig.put(2, baud_rate=code_of(table, 57_600) or 0)
+    rig.put(torque_enable=1)
     set_baud = rig.port.set_baud
 
     def limited(baud: int) -> None:
@@ -37,7 +34,7 @@ def test_all_servos_at_any_possible_speed_receive_it_within_a_second(
 
     monkeypatch.setattr(rig.port, "set_baud", limited)
     begun = rig.clock.now()
-    broadcast_torque_off(rig.port, all_speeds(), [slow.table])
+    broadcast_torque_off(rig.port, all_speeds(), [table])
     assert rig.clock.now() - begun < 1.0
     assert rig.shown("torque_enable") == [0, int(slowest > 0), 0]
 

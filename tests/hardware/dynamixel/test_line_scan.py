@@ -2,7 +2,7 @@
 
 import pytest
 
-from bus_rig import BusRig, bus_of, spec, specs
+from bus_rig import BusRig, spec, specs
 from hardware.dynamixel.control_table import code_of
 from hardware.dynamixel.line_scan import (
     Speed,
@@ -22,9 +22,7 @@ def _rig(**bauds: int) -> BusRig:
     """Three servos at 2 Mbps, but for s<id>=baud; the port is open."""
     rig = BusRig(specs(3))
     for name, baud in bauds.items():
-        one = rig.device(int(name[1:]))
-        one.memory.put("baud_rate", code_of(one.table, baud) or 0)
-        one.tune()
+        rig.put(int(name[1:]), baud_rate=code_of(rig.devices[0].table, baud) or 0)
     rig.port.open(2_000_000)
     return rig
 
@@ -41,8 +39,7 @@ def test_a_quick_look_finds_servos_at_usual_speeds_in_seconds() -> None:
 
 @pytest.mark.parametrize(("ids", "found"), [((), [1]), ((100,), [1, 100])])
 def test_a_quick_look_in_protocol_1_is_for_usual_ids_and_those_expected(ids: tuple[int, ...], found: list[int]) -> None:
-    servos = [spec(number, "MX-28") for number in (1, 100)]
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
+    rig = BusRig([spec(number, "MX-28") for number in (1, 100)], protocol=1)
     rig.port.open(1_000_000)
     seen = scan_likely(rig.port, [Speed(1, 1_000_000)], ids=ids)
     assert [one.found.id for one in seen.sightings] == found

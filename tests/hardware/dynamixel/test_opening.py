@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from bus_rig import BusRig, bus_of, moved, spec, specs, waist_servos
+from bus_rig import BusRig, bus_of, spec, specs, waist_servos
 from hardware.dynamixel.checks import needed_ticks
 from hardware.dynamixel.codec import protocol2
-from hardware.dynamixel.control_table import code_of, find_table
+from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.cyclic import ReadKind, ReadRequest
 from hardware.dynamixel.found_servos import servos_on
 from hardware.dynamixel.opening import LOOKS, too_slow
@@ -22,9 +22,8 @@ from sim.emulator.line import LineTiming
 
 
 def _said(protocol: int, turnaround: float, *faults: Fault) -> tuple[str, BusRig]:
-    servos = specs(2, "MX-28")
-    buses = [bus_of(servos, protocol=protocol, baud=1_000_000)]
-    rig = BusRig(servos, buses=buses, timing=LineTiming(turnaround=turnaround))
+    timing = LineTiming(turnaround=turnaround)
+    rig = BusRig(specs(2, "MX-28"), protocol=protocol, baud=1_000_000, timing=timing)
     rig.port.open(1_000_000)
     for fault in faults:
         rig.fault(fault)
@@ -63,14 +62,7 @@ Spoil = Callable[[BusRig], None]
 
 def register(number: int, **values: int) -> Spoil:
     """Registers of one servo hold something else."""
-
-    def spoil(rig: BusRig) -> None:
-        one = rig.devices[number - 1]
-        for name, value in values.items():
-            one.memory.put(name, value)
-        one.tune()
-
-    return spoil
+    return lambda rig: rig.put(number, **values)
 
 
 def overheated(rig: BusRig) -> None:
@@ -84,13 +76,9 @@ def supply(rig: BusRig) -> None:
         one.supply(9.0, 0.0)
 
 
-def other_speed(*places: int) -> Spoil:
-    def spoil(rig: BusRig) -> None:
-        for place in places:
-            code = code_of(rig.devices[place].table, 57_600)
-            register(place + 1, baud_rate=code or 0)(rig)
-
-    return spoil
+def other_speed(*ids: int) -> Spoil:
+    """57600 baud."""
+    return lambda rig: rig.put(*ids, baud_rate=1)
 
 
 def fault(kind: FaultKind, *ids: int) -> Spoil:
@@ -101,11 +89,11 @@ PROBLEMS: dict[str, tuple[Spoil, tuple[str, ...]]] = {
     "missing": (fault(FaultKind.MISSING, 2, 4), ("j2 (id 2), j4 (id 4) did not answer", "servo scan", "too busy")),
     "no servo": (fault(FaultKind.MISSING), ("no servo answers", "check the servos' power", "too busy")),
     "other speed": (
-        other_speed(0, 1, 2, 3),
+        other_speed(1, 2, 3, 4),
         ("no servo answers", "(id 1) answers at 57600", "correct `baud`", "--port /dev/main --id 1 --baud 2000000`"),
     ),
     "one at another speed": (
-        other_speed(2),
+        other_speed(3),
         ("j3 (id 3) did not answer", "j3 (id 3) answers at 57600 baud, and its bus has 2000000", "--id 3 --baud"),
     ),
     "second id": (register(2, secondary_id=1), ("servo j2 (id 2) also obeys what is meant for id 1",)),
@@ -154,24 +142,22 @@ def test_a_slow_adapter_is_named_with_the_command() -> None:
 
 
 def test_wheel_mode_of_protocol_1_is_refused_and_it_is_noted_to_have_no_watchdog() -> None:
-    servos = specs(2, "AX-12A")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
-    register(2, ccw_angle_limit=0)(rig)
+    rig = BusRig(specs(2, "AX-12A"), protocol=1)
+    rig.put(2, ccw_angle_limit=0)
     before = rig.images()
     with refuses(BusError, "j2", 2):
         rig.bus.open()
     assert rig.images() == before
-    register(2, ccw_angle_limit=1023)(rig)
+    rig.put(2, ccw_angle_limit=1023)
     shows(rig.ready().notes, 1)
 
 
 def test_everything_is_said_at_once_on_all_ports() -> None:
-    servos = [*specs(6), moved(spec(7), "arms"), moved(spec(8), "arms"), moved(spec(9), "head")]
-    buses = [bus_of(servos, name=name) for name in ("main", "arms", "head")]
-    rig = BusRig(servos, buses=buses, unknown_ids=[spec(40)])
+    servos = [*specs(6), spec(7, bus="arms"), spec(8, bus="arms"), spec(9, bus="head")]
+    rig = BusRig(servos, unknown_ids=[spec(40)])
     overheated(rig)
-    register(1, drive_mode=8, homing_offset=3)(rig)
-    rig.devices[3].memory.put("model_number", 1060)
+    rig.put(1, drive_mode=8, homing_offset=3)
+    rig.put(4, model_number=1060)
     rig.lines["main"].faults.add(Fault(FaultKind.MISSING, ids=(6,)), 0.0)
     rig.lines["arms"].faults.add(Fault(FaultKind.UNPLUG), 0.0)
     rig.lines["head"].faults.add(Fault(FaultKind.MISSING), 0.0)
@@ -193,22 +179,20 @@ def test_a_device_of_the_profile_without_a_joint_must_be_there() -> None:
 @pytest.mark.parametrize("other", ["main", "arms"])
 def test_limits_of_coupled_servos_are_held_against_all_angles_of_both_joints(other: str) -> None:
     roll, yaw = [replace(one, mode=ServoMode.POSITION, lower=-0.2, upper=0.2) for one in waist_servos()[1:3]]
-    servos = [roll, moved(yaw, other)]
-    buses = [bus_of(servos, name=name) for name in dict.fromkeys(("main", other))]
+    servos = [roll, replace(yaw, bus=other)]
     low, high = needed_ticks(JointMap(servos))["roll"]
-    rig = BusRig(servos, buses=buses)
-    register(1, min_position_limit=low, max_position_limit=high)(rig)
+    rig = BusRig(servos)
+    rig.put(roll.id, min_position_limit=low, max_position_limit=high)
     rig.bus.open()
-    rig = BusRig(servos, buses=buses)
-    register(1, min_position_limit=low + 1)(rig)
+    rig = BusRig(servos)
+    rig.put(roll.id, min_position_limit=low + 1)
     shows(refusal(rig), "roll", 2, low + 1, 4095, low, high)
 
 
 @pytest.mark.parametrize(("protocol", "model"), [(1, "AX-12A"), (1, "MX-28"), (2, "MX-28"), (2, "XM430-W350")])
 def test_all_are_found_and_nothing_comes_afterwards(protocol: int, model: str) -> None:
-    servos = specs(3, model)
-    buses = [bus_of(servos, protocol=protocol, baud=1_000_000)]
-    rig = BusRig(servos, buses=buses, unknown_ids=[spec(0, model), spec(40, model), spec(252, model)])
+    others = [spec(0, model), spec(40, model), spec(252, model)]
+    rig = BusRig(specs(3, model), protocol=protocol, baud=1_000_000, unknown_ids=others)
     rig.port.open(1_000_000)
     begun = rig.clock.now()
     found, notes = servos_on(*rig.bus.lines)
@@ -220,9 +204,8 @@ def test_all_are_found_and_nothing_comes_afterwards(protocol: int, model: str) -
 
 
 def test_a_search_that_would_take_too_long_is_noted() -> None:
-    servos, slow = specs(2, "AX-12A"), LineTiming(latency=0.016)
-    buses = [bus_of(servos, protocol=1, baud=1_000_000)]
-    rig = BusRig(servos, buses=buses, timing=slow, unknown_ids=[spec(9, "AX-12A")])
+    slow = LineTiming(latency=0.016)
+    rig = BusRig(specs(2, "AX-12A"), protocol=1, timing=slow, unknown_ids=[spec(9, "AX-12A")])
     rig.port.open(1_000_000)
     found, notes = servos_on(*rig.bus.lines)
     assert [one.id for one in found] == [1, 2]

@@ -13,7 +13,7 @@ from unittest.mock import Mock
 import pytest
 from serial import Serial
 
-from bus_rig import BusRig, bus_of, specs
+from bus_rig import BusRig, specs
 from hardware.clock import MonotonicClock
 from hardware.dynamixel import serial_port
 from hardware.dynamixel.opening import examine
@@ -28,15 +28,14 @@ from sim.emulator.faults import Fault, FaultKind
 @pytest.mark.parametrize("echo", [False, True])
 @pytest.mark.parametrize("silent", [False, True])
 def test_opening_notes_it_once(model: str, protocol: int, echo: bool, silent: bool) -> None:
-    servos = specs(2, model)
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
+    rig = BusRig(specs(2, model), protocol=protocol, baud=1_000_000)
     rig.port.open(1_000_000)
     if echo:
         rig.fault(Fault(FaultKind.ECHO))
     if silent:
         rig.fault(Fault(FaultKind.MISSING))
     (line,) = rig.bus.lines
-    opening = examine(line, JointMap(servos))
+    opening = examine(line, JointMap(rig.servos))
     count = sum(ECHOES in note for note in opening.notes)
     assert count == (1 if echo else 0) or (silent and protocol == 1)
     assert bool(opening.problems) is silent

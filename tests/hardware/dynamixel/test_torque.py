@@ -24,11 +24,11 @@ from sim.emulator.line import LineTiming
 
 def test_who_carries_the_robot_never_gets_less() -> None:
     rig = BusRig(specs(2)).ready(torque=True)
-    rig.device(2).memory.put("goal_pwm", 300)
+    rig.put(2, goal_pwm=300)
     (line,) = rig.bus.lines
     rig.bus.torque(True)  # reads all servos again, and raises the second one's drive from where it was
     assert rig.shown("goal_pwm") == [885, 885]
-    rig.device(2).memory.put("goal_pwm", 300)
+    rig.put(2, goal_pwm=300)
     line.images[2] = type(line.images[2])(line.images[2].table, bytes(rig.device(2).memory.image))
     drive = BusDrive(line, limp=())
     drive.confirm(0.1)
@@ -43,14 +43,9 @@ def test_a_late_answer_to_another_question_confirms_no_goal(
 ) -> None:
     servos = [replace(one, lower=-0.5, upper=0.5) for one in specs(2)]
     rig = BusRig(servos, timing=LineTiming())
-    for one in rig.devices:
-        one.memory.put("min_position_limit", 1500)
-        one.memory.put("max_position_limit", 2600)
-        one.tune()
-    second = rig.device(2)
-    second.shaft.position = 2700.0  # beyond its limit: it refuses to hold its place
-    second.memory.put("goal_position", 1600)
-    second.tune()
+    rig.put(min_position_limit=1500, max_position_limit=2600)
+    rig.device(2).shaft.position = 2700.0  # beyond its limit: it refuses to hold its place
+    rig.put(2, goal_position=1600)
     rig.bus.open()
     check = torque.check_still
 
@@ -129,7 +124,7 @@ def test_a_robot_that_falls_gives_way(protocol: int, model: str, drive: str) -> 
     servos = specs(2, model)
     if drive == "goal_current":
         servos = [replace(one, mode=ServoMode.CURRENT_BASED_POSITION, current_limit=2.0) for one in servos]
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol)]).ready(torque=True)
+    rig = BusRig(servos, protocol=protocol).ready(torque=True)
     full, other = rig.shown(drive)
     rig.bus.limit_drive(0.3)
     rig.tick()
@@ -144,8 +139,8 @@ def test_a_robot_that_falls_gives_way(protocol: int, model: str, drive: str) -> 
 def test_a_robot_left_half_powered_is_brought_to_its_profile(
     protocol: int, model: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    servos = [replace(one, gains=ServoGains(position_p=50)) for one in specs(2, model)]
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol)]).ready()
+    gains = ServoGains(position_p=50)
+    rig = BusRig([replace(one, gains=gains) for one in specs(2, model)], protocol=protocol).ready()
     rig.tick()
     monkeypatch.setattr(rig.bus, "_watch_rise", failing(lambda: None, SystemExit(), [6]))
     monkeypatch.setattr(rig.bus, "_torque_off", lambda: None)
@@ -154,9 +149,7 @@ def test_a_robot_left_half_powered_is_brought_to_its_profile(
     drive, gain = ("goal_pwm", "position_p_gain") if protocol == 2 else ("torque_limit", "p_gain")
     full = rig.shown("pwm_limit" if protocol == 2 else "max_torque")
     assert rig.shown(drive) < full and rig.shown("torque_enable") == [1, 1]
-    for one in rig.devices:
-        one.memory.put(gain, 5)
-        one.tune()
+    rig.put(**{gain: 5})
     rig.port.close()
     rig.clock.advance(0.05)
     rig.bus = rig.another()
@@ -187,11 +180,8 @@ def test_a_servo_that_lets_go_while_torque_rises_ends_it() -> None:
 
 def test_limp_servos_of_protocol_1_get_no_goal_and_rise_from_a_tenth() -> None:
     servos = [replace(one, lower=-1.0, upper=1.0) for one in specs(2, "AX-12A")]
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)], start=[512, 600])
-    for one in rig.devices:
-        one.memory.put("goal_position", 300)
-        one.memory.put("moving_speed", 100)
-        one.tune()
+    rig = BusRig(servos, protocol=1, start=[512, 600])
+    rig.put(goal_position=300, moving_speed=100)
     rig.bus.open()
     assert rig.shown("torque_enable") == [0, 0]
     rig.bus.write(ServoGoals(rig.bus.read().position))
@@ -224,9 +214,7 @@ def test_what_differs_is_written_once_and_kept() -> None:
     servos[1] = replace(servos[1], mode=ServoMode.EXTENDED_POSITION)
     servos[2] = replace(servos[2], mode=ServoMode.CURRENT_BASED_POSITION, current_limit=1.0)
     rig = BusRig(servos)
-    for one in rig.devices:
-        one.memory.put("operating_mode", 3)
-        one.tune()
+    rig.put(operating_mode=3)
     rig.ready()
 
     def writes(device: int) -> list[int]:
@@ -277,8 +265,7 @@ def test_a_restart_ends_before_the_next_servo_and_names_in_bounded_time_who_stay
     rig = BusRig(specs(3))
     rig.port.open(2_000_000)
     line = BusLine(bus_of(rig.servos), rig.port, list(enumerate(rig.servos)))
-    for one in rig.devices:
-        one.memory.put("led", 1)
+    rig.put(led=1)
     asked = iter([False, True])
     done = restart(line, [1, 2, 3], lambda: next(asked))
     assert done.ids == (1,) and done.problems == ()
@@ -307,8 +294,7 @@ def test_a_lost_packet_is_sent_again_and_who_does_not_take_its_torque_is_named()
 
 
 def two_buses() -> BusRig:
-    servos = [*specs(3), spec(4, bus="two"), spec(5, bus="two")]
-    return BusRig(servos, buses=[bus_of(servos), bus_of(servos, name="two")]).ready(torque=True)
+    return BusRig([*specs(3), spec(4, bus="two"), spec(5, bus="two")]).ready(torque=True)
 
 
 def off_everywhere(rig: BusRig) -> list[str]:
@@ -354,12 +340,10 @@ def test_an_interrupt_keeps_no_bus_powered(act: str, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_a_line_without_known_servos_switches_them_off_and_asks(protocol: int) -> None:
-    servos = specs(4, "MX-28")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
+    rig = BusRig(specs(4, "MX-28"), protocol=protocol, baud=1_000_000)
     rig.port.open(1_000_000)
     line = BusLine(rig.buses[0], rig.port, [])
-    for one in rig.devices[:3]:
-        one.memory.put("torque_enable", 1)
+    rig.put(1, 2, 3, torque_enable=1)
     rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
     assert torque.not_limp(line, [1, 2, 3, 4]) == [1, 2, 3]
     assert torque.off_everywhere({line: [1, 3]}) == ["id 3"]
@@ -392,7 +376,7 @@ def test_a_servo_that_keeps_torque_keeps_its_watchdog() -> None:
 
 def test_how_far_a_limp_joint_may_move_is_an_angle() -> None:
     servos = [replace(one, lower=-1.0, upper=1.0) for one in specs(1, "AX-12A")]
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)], start=[512]).ready()
+    rig = BusRig(servos, protocol=1, start=[512]).ready()
     (line,) = rig.bus.lines
     torque.check_still(line, {1: 512 + 11})
     with refuses(BusError, 524, 512, "3.4"):
@@ -430,6 +414,5 @@ def test_turns_of_a_servo_that_has_torque_are_counted_before_it_is_driven(fault:
 
 def test_two_slow_buses_are_armed_before_a_watchdog_runs_out() -> None:
     servos = [*specs(20), *(replace(one, joint=f"k{one.id}", bus="two") for one in specs(20))]
-    buses = [bus_of(servos, baud=57_600), bus_of(servos, name="two", baud=57_600)]
-    rig = BusRig(servos, buses=buses).ready(torque=True)
+    rig = BusRig(servos, baud=57_600).ready(torque=True)
     assert rig.shown("torque_enable") == [1] * 40
