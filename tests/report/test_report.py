@@ -1,15 +1,15 @@
 """The report: its keys are a contract, its numbers are JSON, its file appears whole or not at all."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from retarget.pictures.outputs import report_path
 from retarget.report.measure import measure
 from retarget.report.report import Report, write_report
-from rig import Rig, person, result, short_clip
+from rig import scripted_run
 
 CONTRACT = [
     *("frames", "ticks", "duration_s", "rate_hz", "frames_per_s", "solve_us", "reconstruct_us", "retarget_us"),
@@ -21,9 +21,7 @@ CONTRACT = [
 
 @pytest.fixture(scope="module")
 def report() -> Report:
-    rig, human, clip = Rig(np.zeros((51, 20))), person(), short_clip()
-    ending = rig.loop(clip).run()
-    return measure(result(ending, clip, human, rig.robot))
+    return measure(scripted_run())
 
 
 def test_the_keys_of_the_contract_come_first_and_in_order(report: Report) -> None:
@@ -37,13 +35,8 @@ def test_the_keys_of_the_contract_come_first_and_in_order(report: Report) -> Non
     assert set(data["stop"]) == {"state", "reason"}
 
 
-def test_numbers_that_are_not_finite_become_null() -> None:
-    from dataclasses import replace
-
-    rig, human, clip = Rig(np.zeros((51, 20))), person(), short_clip()
-    ending = rig.loop(clip).run()
-    broken = replace(measure(result(ending, clip, human, rig.robot)), lag_s=float("nan"), jerk_p95=float("inf"))
-    data = json.loads(broken.as_json())
+def test_numbers_that_are_not_finite_become_null(report: Report) -> None:
+    data = json.loads(replace(report, lag_s=float("nan"), jerk_p95=float("inf")).as_json())
     assert data["lag_s"] is None and data["jerk_p95"] is None
 
 
