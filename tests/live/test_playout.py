@@ -68,12 +68,9 @@ def worst(played: PlayoutSample) -> float:
 
 
 def test_straight_motion_is_played_exactly_whatever_the_jitter() -> None:
-    rng = np.random.default_rng(2)
-    playout = buffered()
-    arrivals = sorted((t + float(rng.uniform(0.0, 0.02)), t) for t in 5.0 + np.arange(400) / 120.0)
-    kinds: list[int] = []
-    waiting = list(arrivals)
-    shown: list[FloatArray] = []
+    rng, playout = np.random.default_rng(2), buffered()
+    waiting = sorted((t + float(rng.uniform(0.0, 0.02)), t) for t in 5.0 + np.arange(400) / 120.0)
+    kinds, shown = list[int](), list[FloatArray]()
     for now in 5.5 + np.arange(250) / 100.0:
         while waiting and waiting[0][0] <= now:
             arrival, time = waiting.pop(0)
@@ -88,7 +85,7 @@ def test_straight_motion_is_played_exactly_whatever_the_jitter() -> None:
     assert kinds.count(How.INTERPOLATED) > 0.97 * len(kinds)
 
 
-def test_it_goes_on_for_50_ms_and_then_holds() -> None:
+def test_motion_is_extrapolated_for_50_ms_and_then_held() -> None:
     playout = buffered(delay=Lateness)
     for i in range(20):
         push(playout, 1.0 + 0.01 * i, late=0.0)
@@ -134,7 +131,7 @@ def test_a_sensor_never_sent_is_nan() -> None:
 
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
-def test_the_sign_of_a_quaternion_says_nothing(seed: int) -> None:
+def test_the_sign_of_a_quaternion_does_not_matter(seed: int) -> None:
     rng = np.random.default_rng(seed)
     one, other = buffered(), buffered()
     before: FloatArray | None = None
@@ -214,32 +211,26 @@ def test_a_storm_of_pushes(pushes: int, seed: int) -> None:
     assert set(playout.dropped.reasons) <= {"repeated", "older than what is kept", "not a capture time"}
 
 
-def run(delay: PlayoutDelay, seconds: float, jitter: float, *, start: float, rate: float = 100.0) -> list[float]:
-    """The delay after each frame whose lateness lies between 0 and `jitter`, both reached within 10 frames."""
-    rng = np.random.default_rng(0)
-    found = []
-    for i in range(int(seconds * rate)):
-        capture = start + i / rate
-        lateness = jitter * (i % 10 == 0 or rng.random() * (i % 10 != 1))
-        delay.note(capture + lateness, lateness=lateness, gap=1.0 / rate)
-        found.append(delay.at(capture + 1.0 / rate))
-    return found
+def test_the_delay_grows_at_once_shrinks_slowly_and_does_not_wait_for_a_rare_late_frame() -> None:
+    delay, rng = PlayoutDelay(), np.random.default_rng(0)
 
+    def run(first: int, frames: int, jitter: float) -> list[float]:
+        """The delay after each frame at 100 Hz; within 10 frames the lateness reaches 0 and `jitter`."""
+        found = []
+        for i in range(first, first + frames):
+            capture, lateness = 0.01 * i, jitter * (i % 10 == 0 or rng.random() * (i % 10 != 1))
+            delay.note(capture + lateness, lateness=lateness, gap=0.01)
+            found.append(delay.at(capture + 0.01))
+        return found
 
-def test_it_grows_within_moments_and_shrinks_slowly() -> None:
-    delay = PlayoutDelay()
-    calm = run(delay, 3.0, 0.002, start=10.0)
-    assert calm[-1] == pytest.approx(0.012)
-    late = run(delay, 3.0, 0.025, start=13.0)
+    assert run(1000, 300, 0.002)[-1] == pytest.approx(0.012)
+    late = run(1300, 300, 0.025)
     assert max(late[30:]) == pytest.approx(late[-1], abs=1e-3) and late[30] > 0.03
-    after = run(delay, 10.0, 0.002, start=16.0)
+    after = run(1600, 1000, 0.002)
     assert after[100] > 0.03
     assert after[-1] == pytest.approx(0.012, abs=5e-4)
     assert np.diff(after).min() > -0.05 / 100.0
-
-
-def test_a_rare_late_frame_is_not_waited_for() -> None:
-    delay, found = PlayoutDelay(), list[float]()
+    delay, found = PlayoutDelay(), []
     for i in range(1000):
         capture, lateness = 10.0 + 0.01 * i, 0.025 if i % 40 == 39 else 0.002
         delay.note(capture + lateness, lateness=lateness, gap=0.01)
@@ -248,7 +239,7 @@ def test_a_rare_late_frame_is_not_waited_for() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(-1.0, 10.0), st.floats(0.0, 10.0)), max_size=50))
-def test_it_is_bounded(sent: list[tuple[float, float, float]]) -> None:
+def test_the_delay_is_bounded(sent: list[tuple[float, float, float]]) -> None:
     delay, now = PlayoutDelay(), 0.0
     for step, lateness, gap in sent:
         now += step
@@ -265,18 +256,9 @@ PUSHES = st.lists(
 )
 
 
-def new(count: int, depth: int) -> PoseRing:
-    return PoseRing(count, depth=depth, extrapolation=EXTRAPOLATION_S)
-
-
 def place(row: int, time: float) -> FloatArray:
     """Where a sensor is: no two pairs of times give one line."""
     return np.array([row, time * time, 1.0 / (1.0 + abs(time))])
-
-
-def ring_push(ring: PoseRing, rows: list[int], time: float) -> tuple[float | None, int, int]:
-    turns, valid = np.tile(IDENTITY, (len(rows), 1)), np.ones(len(rows), dtype=bool)
-    return ring.push(np.array(rows), time, np.array([place(row, time) for row in rows]), turns, valid)
 
 
 def expected(row: int, times: list[float], at: float) -> tuple[How, float, FloatArray]:
@@ -299,12 +281,13 @@ def expected(row: int, times: list[float], at: float) -> tuple[How, float, Float
 
 
 @given(PUSHES)
-def test_it_is_a_sorted_list_of_the_newest(pushes: list[tuple[set[int], int, float]]) -> None:
-    ring = new(RING, RING_DEPTH)
+def test_a_ring_is_a_sorted_list_of_the_newest(pushes: list[tuple[set[int], int, float]]) -> None:
+    ring = PoseRing(RING, depth=RING_DEPTH, extrapolation=EXTRAPOLATION_S)
     lists: list[list[float]] = [[] for _ in range(RING)]
-    for chosen, number, asked in pushes:
-        rows, time, at = sorted(chosen), UNIT * number, UNIT * asked
-        newest, repeated, too_old = ring_push(ring, rows, time)
+    for chosen, number, read in pushes:
+        rows, time, at = sorted(chosen), UNIT * number, UNIT * read
+        position, turns = np.array([place(row, time) for row in rows]), np.tile(IDENTITY, (len(rows), 1))
+        newest, repeated, too_old = ring.push(np.array(rows), time, position, turns, np.ones(len(rows), dtype=bool))
         assert newest == max(lists[row][-1] if lists[row] else -np.inf for row in rows)
         assert repeated == sum(time in lists[row] for row in rows)
         full = [row for row in rows if len(lists[row]) == RING_DEPTH and time < lists[row][0]]
@@ -322,7 +305,7 @@ def test_it_is_a_sorted_list_of_the_newest(pushes: list[tuple[set[int], int, flo
 
 
 def test_bad_arrays_are_refused() -> None:
-    ring, one = new(2, 4), np.ones(1, dtype=bool)
+    ring, one = PoseRing(2, depth=4, extrapolation=EXTRAPOLATION_S), np.ones(1, dtype=bool)
     place_, turn = np.zeros((1, 3)), np.array([IDENTITY])
     for rows in ([2], [-1]):
         with refuses(ValueError):
@@ -332,32 +315,7 @@ def test_bad_arrays_are_refused() -> None:
             ring.push(np.array([0]), 1.0, *arrays)
 
 
-SETTINGS: Cutoffs = (1.0, 0.5, 1.0)
-
-
-class Filtered:
-    """Positions alone: k vectors of 3."""
-
-    def __init__(self, count: int, settings: Cutoffs = SETTINGS) -> None:
-        self._poses = PoseFilter(count, position=settings, orientation=None)
-        self._turns = np.zeros((count, 4))
-        self.reset = self._poses.reset
-
-    def step(self, time: FloatArray, value: FloatArray) -> FloatArray:
-        return self._poses.step(time, value, self._turns)[0]
-
-
-def one_euro_run(values: FloatArray, dt: FloatArray, settings: Cutoffs = SETTINGS) -> FloatArray:
-    """Filtered track (n, k, 3) of a track (n, k, 3), with n - 1 time steps."""
-    euro, now = Filtered(values.shape[1], settings), 3.0
-    found = []
-    for value, step in zip(values, [0.0, *dt], strict=True):
-        now += float(step)
-        found.append(euro.step(np.full(values.shape[1], now), value))
-    return np.array(found)
-
-
-def test_it_is_the_filter_of_the_paper() -> None:
+def test_positions_have_the_filter_of_the_paper() -> None:
     """Algorithm 1 of the paper, on one component, with irregular times."""
     rng = np.random.default_rng(0)
     values, dt = rng.normal(size=200), rng.uniform(0.002, 0.03, 199)
@@ -370,9 +328,11 @@ def test_it_is_the_filter_of_the_paper() -> None:
         speed += alpha(1.0, step) * ((value - expected[-1]) / step - speed)
         share = alpha(1.0 + 0.5 * abs(speed), step)
         expected.append(share * value + (1.0 - share) * expected[-1])
-    assert one_euro_run(values[:, None, None] * [1.0, 0.0, 0.0], dt)[:, 0, 0] == pytest.approx(
-        np.array(expected), abs=1e-12
-    )
+    poses, found = PoseFilter(1, position=(1.0, 0.5, 1.0), orientation=None), []
+    for value, time in zip(values, 3.0 + np.cumsum([0.0, *dt]), strict=True):
+        position, _ = poses.step(np.array([time]), np.array([[value, 0.0, 0.0]]), np.zeros((1, 4)))
+        found.append(position[0, 0])
+    assert found == pytest.approx(expected, abs=1e-12)
 
 
 POSE_FILTER_SETTINGS: Cutoffs = (1.0, 1.0, 1.0)
@@ -402,7 +362,7 @@ def walk(seed: int, count: int = 4, steps: int = 60) -> tuple[FloatArray, FloatA
 
 @settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1))
-def test_signs_say_nothing_and_the_world_may_turn(seed: int) -> None:
+def test_signs_do_not_matter_and_the_world_may_turn(seed: int) -> None:
     position, orientation = walk(seed)
     plain = pose_filter_run(position, orientation)
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], orientation.shape[:2])[..., None]
@@ -419,19 +379,15 @@ def test_signs_say_nothing_and_the_world_may_turn(seed: int) -> None:
 def test_one_axis_is_the_plain_filter_of_the_angle_through_many_half_turns() -> None:
     """Ten turns about one axis: as if the angle were a number that knows no 180 degrees."""
     angle = np.linspace(0.0, 20.0 * pi, 600)
-    expected, _ = pose_filter_run(
-        angle[:, None, None] * np.array([1.0, 0.0, 0.0]), np.tile([1.0, 0.0, 0.0, 0.0], (600, 1, 1))
-    )
-    expected = expected[:, 0, 0]
-    axis = np.array([0.6, 0.0, 0.8])
+    position, _ = pose_filter_run(angle[:, None, None] * [1.0, 0.0, 0.0], np.tile(IDENTITY, (600, 1, 1)))
+    expected, axis = position[:, 0, 0], np.array([0.6, 0.0, 0.8])
     _, found = pose_filter_run(np.zeros((600, 1, 3)), rotations.from_axis_angle(axis, angle[:, None]))
-    wanted = rotations.from_axis_angle(axis, expected[:, None])
     assert np.abs(angle - expected).max() > 0.05
     assert np.abs(np.linalg.norm(found, axis=2) - 1.0).max() < 1e-9
-    assert rotations.angle_between(found, wanted).max() < 1e-6
+    assert rotations.angle_between(found, rotations.from_axis_angle(axis, expected[:, None])).max() < 1e-6
 
 
-def test_what_is_off_is_left_and_what_is_missing_waits() -> None:
+def test_an_off_filter_changes_nothing_and_a_missing_pose_waits() -> None:
     position, orientation = walk(7, count=2, steps=3)
     off = PoseFilter(2, position=None, orientation=None)
     found = off.step(np.zeros(2), position[0], orientation[0])
@@ -450,8 +406,5 @@ def test_what_is_off_is_left_and_what_is_missing_waits() -> None:
     assert fresh[0][1].tolist() == position[0, 1].tolist()
     assert rotations.angle_between(fresh[1][1], orientation[0, 1]) < 1e-9
     assert rotations.angle_between(fresh[1][0], orientation[0, 0]) > 1e-3
-
-
-def test_an_unknown_name_is_refused() -> None:
     with refuses(UsageError, found="'ligth'"):
         pose_filter("ligth", 1)

@@ -42,7 +42,7 @@ class HeldWriter(RawWriter):
         super().flush()
 
 
-def test_what_is_taken_is_in_the_file_once_it_is_closed(tmp_path: Path) -> None:
+def test_every_datagram_is_in_the_file_once_it_is_closed(tmp_path: Path) -> None:
     path = tmp_path / "a.raw"
     with RawTap(RawWriter(path, url="vmc://:39539")) as tap:
         for number in range(500):
@@ -56,7 +56,7 @@ def test_what_is_taken_is_in_the_file_once_it_is_closed(tmp_path: Path) -> None:
     assert {(row.address, row.port) for row in found} == {("192.168.1.20", 5000 + port) for port in range(10)}
 
 
-def test_a_disk_that_hangs_holds_up_no_tick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_hangs_delays_no_tick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(raw_recording, "FLUSH_S", 0.001)
     monkeypatch.setattr(raw_recording, "DISK_WAIT_S", 0.01)
     writer = HeldWriter(tmp_path / "a.raw")
@@ -129,24 +129,19 @@ def test_nothing_comes_early_or_twice_or_not_at_all(
     assert receiver.poll(1e9) == []
 
 
-def test_an_empty_recording_ends_at_once(tmp_path: Path) -> None:
+def test_an_empty_recording_ends_a_jump_back_of_its_clock_does_not_wait_and_a_damaged_end_is_counted(
+    tmp_path: Path,
+) -> None:
     receiver = ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [])))
     assert receiver.poll(0.0) == [] and receiver.finished
-
-
-def test_a_recorded_clock_that_jumped_back_holds_nothing_up(tmp_path: Path) -> None:
     receiver = ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [7200.0, 7200.1, 3600.0, 3600.1])))
     found = played(receiver, 0.25)
     assert [d.arrival for d in found] == pytest.approx([0.0, 0.1, 0.1, 0.2], abs=1e-6)
-
-
-def test_a_damaged_end_is_counted_and_what_stands_before_it_is_played(tmp_path: Path) -> None:
     path = recording(tmp_path / "a.raw", [1.0, 1.1, 1.2])
     path.write_bytes(path.read_bytes()[:-1])
     receiver = ReplayReceiver(RawReader(path))
     assert numbers(played(receiver, 1.0)) == [0, 1]
-    assert receiver.finished
-    assert receiver.dropped.reasons == {"the recording is damaged": 1}
+    assert receiver.finished and receiver.dropped.reasons == {"the recording is damaged": 1}
 
 
 def test_opening_by_address(tmp_path: Path) -> None:
@@ -158,7 +153,7 @@ def test_opening_by_address(tmp_path: Path) -> None:
         open_replay(parse_address(f"replay://{tmp_path}/b.raw"))
 
 
-def test_the_kind_of_an_old_recording_has_to_be_said(tmp_path: Path) -> None:
+def test_an_old_recording_needs_its_kind_in_the_address(tmp_path: Path) -> None:
     path = tmp_path / "old.udprec.gz"
     path.write_bytes(gzip.compress(b"UDPREC01" + struct.pack("<QHI", 10**18, 7, 2) + b"ab"))
     with refuses(InputError, "?kind=vmc"):
@@ -171,13 +166,13 @@ def test_the_kind_of_an_old_recording_has_to_be_said(tmp_path: Path) -> None:
 def test_a_recording_of_several_kinds_or_of_none_is_not(tmp_path: Path) -> None:
     mixed = [b'{"axes": "rep103", "poses": {"head": {"p": [0, 0, 1]}}}', b"/VMC/Ext/T\0\0,f\0\0\0\0\0\0"]
     for number, payloads in enumerate((mixed, [b"what is this"], [])):
-        writer = RawWriter(tmp_path / f"{number}.raw", url="")
+        path = tmp_path / f"{number}.raw"
+        writer = RawWriter(path, url="")
         for payload in payloads:
             writer.append(payload, time_ns=0, address="127.0.0.1", port=5)
-        writer.flush()
         writer.close()
         with refuses(InputError):
-            recorded_kind(parse_address(f"replay://{tmp_path / f'{number}.raw'}"))
+            recorded_kind(parse_address(f"replay://{path}"))
 
 
 def test_a_recording_is_read_by_the_names_of_its_sender(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from live_rig import NAMES, Stream, judge, recorded, walk
+from live_rig import NAMES, judge, recorded, walk
 from messages import refuses
 from retarget._solver import Validity
 from retarget.human.pose_validation import LIMITS, ValidityLimits, ValidityState
@@ -33,9 +33,8 @@ class Line:
     def take(self, time: float, places: dict[int, np.ndarray]) -> list[bool]:
         """Which of these places may be used."""
         position, turn = np.array(list(places.values())), np.tile([1.0, 0.0, 0.0, 0.0], (len(places), 1))
-        rows, tracked = np.array(list(places)), np.ones(len(places), dtype=bool)
-        usable = self.validity.take(rows, time, position=position, orientation=turn, tracked=tracked)
-        return list(map(bool, usable))
+        rows, yes = np.array(list(places)), np.ones(len(places), dtype=bool)
+        return list(map(bool, self.validity.take(rows, time, position=position, orientation=turn, tracked=yes)))
 
     def states(self, time: float) -> list[int]:
         return [int(state) for state in self.validity.judge(time)]
@@ -58,10 +57,10 @@ def test_a_jump_back_is_accepted_and_a_jump_on_waits_anew() -> None:
     assert line.take(0.81, {0: PLACES[0] + [5.0, 0.0, 0.0]}) == [True]
 
 
-@pytest.mark.parametrize("apart", [0.1, 0.6])
-def test_a_swap_is_a_jump_of_two_sensors_also_where_it_is_short(apart: float) -> None:
+@pytest.mark.parametrize("distance", [0.1, 0.6])
+def test_a_swap_is_a_jump_of_two_sensors_also_where_it_is_short(distance: float) -> None:
     """Two feet may be as near as 10 cm: any human could have gone so far, but not to each other's place."""
-    line, left, right = Line(), np.array([0.0, 0.5 * apart, 1.0]), np.array([0.0, -0.5 * apart, 1.0])
+    line, left, right = Line(), np.array([0.0, 0.5 * distance, 1.0]), np.array([0.0, -0.5 * distance, 1.0])
     for i in range(1, 101):
         share = i / 100.0
         line.take(0.01 * i, {row: (1.0 - share) * PLACES[row] + share * at for row, at in ((0, left), (1, right))})
@@ -98,10 +97,6 @@ NAN, INF = float("nan"), float("inf")
 VALUES = st.sampled_from([0.0, 1.0, -1.0, 0.6, 0.8, 1.03, 3.5, 11.0, NAN, INF, -INF, 1e200])
 
 
-def pose(*numbers: float) -> FloatArray:
-    return np.array([numbers])
-
-
 def reasons(numbers: FloatArray, tracked: list[bool]) -> list[str]:
     """Why each pose is refused, "" where it is not."""
     count = len(numbers)
@@ -116,10 +111,6 @@ def reasons(numbers: FloatArray, tracked: list[bool]) -> list[str]:
     return found
 
 
-def reason(numbers: FloatArray, tracked: bool = True) -> str:
-    return reasons(numbers, [tracked])[0]
-
-
 @settings(max_examples=100)
 @given(st.lists(st.tuples(st.lists(VALUES, min_size=7, max_size=7), st.booleans()), max_size=3))
 def test_each_pose_is_judged_by_itself(rows: list[tuple[list[float], bool]]) -> None:
@@ -127,7 +118,7 @@ def test_each_pose_is_judged_by_itself(rows: list[tuple[list[float], bool]]) -> 
     tracked = [vouched for _, vouched in rows]
     limits, found = ValidityLimits(), reasons(numbers, tracked)
     for pose_, vouched, why in zip(numbers, tracked, found, strict=True):
-        assert why == reason(pose_[None], vouched)
+        assert [why] == reasons(pose_[None], [vouched])
         place, turn = pose_[:3], pose_[3:]
         missing, norm = bool(np.isnan(turn).all()), hypot(*turn.tolist())
         inside = (np.abs(place[:2]) <= limits.reach).all() and limits.low <= place[2] <= limits.high
@@ -139,15 +130,7 @@ def test_each_pose_is_judged_by_itself(rows: list[tuple[list[float], bool]]) -> 
 
 
 RATES = (50.0, 120.0)
-L_WRIST, R_WRIST, L_ANKLE = (
-    NAMES.index("l_wrist"),
-    NAMES.index("r_wrist"),
-    NAMES.index("l_ankle"),
-)
-
-
-def onset(stream: Stream, seconds: float = 1.0) -> int:
-    return int(np.searchsorted(stream.time, stream.time[0] + seconds))
+L_WRIST, L_ANKLE = NAMES.index("l_wrist"), NAMES.index("l_ankle")
 
 
 def test_repeats_of_a_slower_tracker_are_no_evidence() -> None:
@@ -163,14 +146,8 @@ def test_one_capture_sent_again_and_again_is_stale_and_not_frozen() -> None:
     validity = judge(stream).validity
     seen = set()
     for i in range(100):
-        time = float(stream.time[-1])
-        validity.take(
-            np.arange(6),
-            time,
-            position=stream.position[-1],
-            orientation=stream.orientation[-1],
-            tracked=np.ones(6, bool),
-        )
+        time, position, orientation = float(stream.time[-1]), stream.position[-1], stream.orientation[-1]
+        validity.take(np.arange(6), time, position=position, orientation=orientation, tracked=np.ones(6, bool))
         seen |= set(validity.judge(time + 0.01 * i).tolist())
     assert seen == {ValidityState.FRESH, ValidityState.STALE}
 
@@ -179,7 +156,7 @@ def test_one_capture_sent_again_and_again_is_stale_and_not_frozen() -> None:
 @pytest.mark.parametrize("far", [0.5, 2.0])
 def test_a_jump_is_refused_at_once_and_accepted_when_it_stays(rate: float, far: float) -> None:
     stream = walk(rate=rate)
-    begin = onset(stream)
+    begin = int(np.searchsorted(stream.time, stream.time[0] + 1.0))
     stream.position[begin:, L_WRIST, 0] += far
     judged = judge(stream)
     wait = int(np.ceil(0.5 * rate))
@@ -254,13 +231,7 @@ COUNT = 5
 FIVE = np.arange(COUNT)
 
 
-def found(
-    moves: list[int],
-    *,
-    metres: float = 0.01,
-    turns: bool = True,
-    goes: bool = True,
-) -> np.ndarray:
+def found(moves: list[int], *, metres: float = 0.01, turns: bool = True, goes: bool = True) -> np.ndarray:
     """Which sensors are frozen, (k,). All move for 0.2 s, then only some do, by `metres` a capture at 100 Hz."""
     validity, yes = SensorValidity([str(row) for row in FIVE]), np.ones(COUNT, dtype=bool)
     pose = np.tile([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0], (COUNT, 1))
@@ -326,17 +297,12 @@ def test_real_slimevr_bytes_raise_no_alarm(shared: Path) -> None:
     for record in RawReader(shared / "streams" / "slimevr" / "full12_vmc_50hz.udprec.gz"):
         for frame in decoder.decode(record.payload):
             picked = [i for i, name in enumerate(frame.names) if name.startswith("human://")]
-            names = tuple(frame.names[i] for i in picked)
+            names, rows = tuple(frame.names[i] for i in picked), np.arange(len(picked))
             if not validity.names:
                 validity = SensorValidity(names, ValidityLimits(low=-3.0))
             assert frame.stamp is not None and names == validity.names and len(names) == 11
-            validity.take(
-                np.arange(len(picked)),
-                frame.stamp,
-                position=frame.position[picked],
-                orientation=frame.orientation[picked],
-                tracked=frame.tracked[picked],
-            )
+            position, orientation = frame.position[picked], frame.orientation[picked]
+            validity.take(rows, frame.stamp, position=position, orientation=orientation, tracked=frame.tracked[picked])
             alarms.append((frame.stamp, set(validity.judge(frame.stamp + 0.01).tolist())))
     assert {state for stamp, states in alarms for state in states if stamp < 1.1} == {0, ValidityState.JUMPED}
     assert {state for stamp, states in alarms for state in states if stamp >= 1.1} == {0}

@@ -9,7 +9,6 @@ import pytest
 from camera_people import datagrams, landmarks
 from hardware.guard import CheckedGoal
 from live_rig import ROLE_SETS, LiveRig, live_stream
-from live_rig import five as five_sensors
 from messages import Facts, refuses
 from rendered import performer, raising
 from retarget import rotations
@@ -35,6 +34,8 @@ from retarget.sources.streams.stream_frame import Dropped, StreamDecoder, Stream
 from retarget.sources.streams.vmc import VmcDecoder
 from retarget.sources.streams.vrchat import VrchatDecoder
 from sim.faults.sender import FakeSender
+
+FIVE = load_performer("five")
 
 
 class Queue:
@@ -66,7 +67,7 @@ class Seen:
 
 
 def polling(payloads: list[bytes], decoder: StreamDecoder) -> LiveStream:
-    stream = live_stream(FakeSender(), five_sensors())
+    stream = live_stream(FakeSender(), FIVE)
     stream.receiver, stream.decoder = Queue(payloads), decoder
     return stream
 
@@ -75,24 +76,15 @@ def polling(payloads: list[bytes], decoder: StreamDecoder) -> LiveStream:
 def test_a_mirrored_camera_is_seen_as_if_it_were_not(convention: str) -> None:
     straight, mirrored = (roles_of(FIVE, convention, where="", mirrored=is_so) for is_so in (False, True))
     names, chance = straight.names, np.random.default_rng(1)
-    frame = StreamFrame(
-        names,
-        chance.normal(size=(len(names), 3)),
-        rotations.normalise(chance.normal(size=(len(names), 4))),
-        chance.uniform(size=len(names)) < 0.7,
-    )
-    other = {
-        sent: across
-        for sensor, place in zip(straight.sensors, straight.places, strict=True)
-        for partner in [straight.places[straight.sensors.index(mirrored_name(sensor))]]
-        for sent, across in ((place.position, partner.position), (place.orientation, partner.orientation))
-    }
+    position, turns = chance.normal(size=(len(names), 3)), rotations.normalise(chance.normal(size=(len(names), 4)))
+    frame = StreamFrame(names, position, turns, chance.uniform(size=len(names)) < 0.7)
+    other: dict[str, str] = {}
+    for sensor, place in zip(straight.sensors, straight.places, strict=True):
+        partner = straight.places[straight.sensors.index(mirrored_name(sensor))]
+        other |= {place.position: partner.position, place.orientation: partner.orientation}
     order = [names.index(other[name]) for name in names]  # in the mirror, what the sender calls left is right
     seen = StreamFrame(
-        names,
-        frame.position[order] * [1.0, -1.0, 1.0],
-        frame.orientation[order] * [1.0, -1.0, 1.0, -1.0],
-        frame.tracked[order],
+        names, position[order] * [1.0, -1.0, 1.0], turns[order] * [1.0, -1.0, 1.0, -1.0], frame.tracked[order]
     )
     as_is, undone = straight.take(frame), mirrored.take(seen)
     assert as_is is not None and undone is not None
@@ -143,35 +135,26 @@ def test_a_second_of_powering_reports_no_lost_sensors(monkeypatch: pytest.Monkey
     assert not [text for text in rig.said if "nothing" in text or "waits" in text], rig.said
 
 
-CALM, TICKS = 20, 50
-
-
 # A sender's poses as the sensors of a performer: by convention, by the performer's file, in parts.
 
-FIVE = load_performer("five")
 
-
-def frame(poses: dict[str, tuple[list[float] | None, list[float] | None]], *, untracked: str = "") -> StreamFrame:
+def frame(poses: dict[str, tuple[list[float] | None, list[float] | None]]) -> StreamFrame:
     """Poses by name; None: not sent."""
     nothing3, nothing4 = [np.nan] * 3, [np.nan] * 4
     return StreamFrame(
         tuple(poses),
         np.array([at or nothing3 for at, _ in poses.values()], dtype=float).reshape(-1, 3),
         np.array([turn or nothing4 for _, turn in poses.values()], dtype=float).reshape(-1, 4),
-        np.array([name != untracked for name in poses], dtype=bool),
+        np.ones(len(poses), dtype=bool),
     )
 
 
 def test_a_hanging_hand_of_slimevr_is_a_wrist_behind_the_point_that_is_sent() -> None:
     roles = roles_of(FIVE, "slimevr", where="five.yaml")
     raised = rotations.from_axis_angle([1.0, 0.0, 0.0], np.pi / 2).tolist()
+    upright = [1.0, 0.0, 0.0, 0.0]
     poses = roles.take(
-        frame(
-            {
-                "human://LEFT_HAND": ([0.13, 0.3, 0.9], [1.0, 0.0, 0.0, 0.0]),
-                "human://HEAD": ([0.0, 0.0, 1.6], [1.0, 0.0, 0.0, 0.0]),
-            }
-        )
+        frame({"human://LEFT_HAND": ([0.13, 0.3, 0.9], upright), "human://HEAD": ([0.0, 0.0, 1.6], upright)})
     )
     assert poses is not None
     at = dict(zip(poses.rows.tolist(), range(len(poses.rows)), strict=True))
@@ -197,29 +180,20 @@ def test_arms_of_a_sender_whose_identity_is_the_t_pose_are_those_that_would_hang
         np.testing.assert_allclose(rotations.rotate(turn, [1.0, 0.0, 0.0]), [1.0, 0.0, 0.0], atol=1e-12)
 
 
-def test_a_pose_that_the_file_names_turns_as_its_sender_sends_it() -> None:
-    named = PerformerSensor(joint="l_wrist", role="bone://LeftLowerArm")
-    performer = Performer(name="p", description="d", sensors={"l_wrist": named})
-    (place,) = roles_of(performer, "unity_bones", where="p.yaml").places
+def test_names_of_the_file_come_first_and_turn_as_their_sender_sends_them() -> None:
+    def performer(**roles: str) -> Performer:
+        sensors = {name: PerformerSensor(joint=name, role=role or None) for name, role in roles.items()}
+        return Performer(name="p", description="d", sensors=sensors)
+
+    (place,) = roles_of(performer(l_wrist="bone://LeftLowerArm"), "unity_bones", where="p.yaml").places
     assert place.position == "bone://LeftLowerArm"
     assert place.standing == CONVENTIONS["unity_bones"]["l_elbow"].standing
-
-
-def test_names_of_the_file_come_first() -> None:
-    performer = Performer(
-        name="p",
-        description="d",
-        sensors={
-            "l_wrist": PerformerSensor(joint="l_wrist", role="rigid://left hand"),
-            "head": PerformerSensor(joint="head"),
-        },
-    )
+    mixed = performer(l_wrist="rigid://left hand", head="")
+    assert roles_of(mixed, "json", where="p.yaml").names == ("rigid://left hand", "head")
     with refuses(UsageError, "natnet", "head"):
-        roles_of(performer, "natnet", where="p.yaml")
-    roles = roles_of(performer, "json", where="p.yaml")
-    assert roles.names == ("rigid://left hand", "head")
+        roles_of(mixed, "natnet", where="p.yaml")
     with refuses(UsageError, "convention"):
-        roles_of(performer, "slimvr", where="p.yaml")
+        roles_of(mixed, "slimvr", where="p.yaml")
 
 
 def test_changing_names_are_kept_within_bounds() -> None:
@@ -231,10 +205,7 @@ def test_changing_names_are_kept_within_bounds() -> None:
 
 @pytest.mark.parametrize(
     ("convention", "facts"),
-    [
-        ("slimevr_vrchat", ("l_wrist", "r_wrist", "vmc://:39539")),
-        ("natnet", ("head", "l_wrist", "--performer")),
-    ],
+    [("slimevr_vrchat", ("l_wrist", "r_wrist", "vmc://:39539")), ("natnet", ("head", "l_wrist", "--performer"))],
 )
 def test_what_a_kind_of_sender_never_sends_is_refused_once_with_the_next_step(convention: str, facts: Facts) -> None:
     with refuses(UsageError, facts) as refusal:

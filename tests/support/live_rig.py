@@ -5,11 +5,12 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from hardware.clock import Clock, MonotonicClock, VirtualClock
-from retarget.frames import SENSORS, SensorFrames
+from retarget.frames import SensorFrames
 from retarget.human.pose_validation import StateArray, ValidityState
 from retarget.human.samples import Performance
 from retarget.live.address import StreamAddress
@@ -24,8 +25,9 @@ from retarget.rotations import conjugate, from_rotation_vector, multiply
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare_for
 from retarget.schema.performer import Performer, load_performer
+from retarget.sources.streams.raw_record import RawWriter
 from retarget.types import BoolArray, FloatArray
-from sim.faults.sender import FakeSender
+from sim.faults.sender import FakeSender, SenderFault
 from sim.mock_bus import MockBus, mock_bus
 from sim.performer import synthetic_performer
 
@@ -44,7 +46,6 @@ class ClockedSender(FakeSender):
 
 
 def live_stream(sender: FakeSender, performer: Performer) -> LiveStream:
-    """A stream from the sender."""
     return open_stream(None, performer, receiver=sender)
 
 
@@ -65,23 +66,30 @@ class LiveRig:
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
             self.stream = live_stream(self.sender, performer)
             rate = 100.0 if robot is None else robot.profile.safety.rate_hz
-            return begin_live(
-                self.stream, self.live, clock=self.clock, rate_hz=rate, where=WHERE, notify=self.said.append
-            )
+            notify = self.said.append
+            return begin_live(self.stream, self.live, clock=self.clock, rate_hz=rate, where=WHERE, notify=notify)
 
+        options, notify = self.run_options, self.said.append
         with prepare_for(
-            perform,
-            self.run_options,
-            clock=self.clock,
-            make_bus=self._bus,
-            goes_to_rest=True,
-            notify=self.said.append,
+            perform, options, clock=self.clock, make_bus=self._bus, goes_to_rest=True, notify=notify
         ) as prepared:
             yield prepared
 
     def _bus(self, robot: RobotBody, clock: Clock) -> MockBus:
         self.bus = mock_bus(robot, clock)
         return self.bus
+
+
+def raw_stream(path: Path, seconds: float, *faults: SenderFault) -> str:
+    """Address of a recording of a sender of JSON poses."""
+    writer, sender = RawWriter(path, url="json://:14150"), FakeSender(faults=[*faults])
+    for tick in range(round(100 * seconds)):
+        for datagram in sender.poll(0.01 * tick):
+            address, port = datagram.source
+            writer.append(datagram.payload, time_ns=round(1e9 * datagram.arrival), address=address, port=port)
+        writer.flush()
+    writer.close()
+    return f"replay://{path}"
 
 
 def five() -> Performer:
@@ -188,15 +196,14 @@ def arrived(receiver: UdpReceiver) -> list[Datagram]:
     return receiver.poll(CLOCK.now())
 
 
-# What each role of a sender means, written out: the orientation of its segment and the place of its joint.
+# The meaning of each role of a sender, written out: the orientation of its segment and the place of its joint.
 
-Triple = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-
-_UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
-_HALF_ROOT = float(np.sqrt(0.5))
-_LOWERED: dict[str, Quaternion] = {"l_": (_HALF_ROOT, -_HALF_ROOT, 0.0, 0.0), "r_": (_HALF_ROOT, _HALF_ROOT, 0.0, 0.0)}
+_UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+_HALF = float(np.sqrt(0.5))
+_LOWERED = {"l_": (_HALF, -_HALF, 0.0, 0.0), "r_": (_HALF, _HALF, 0.0, 0.0)}
 """An arm of the T-pose turned until it hangs: by 90 degrees about forward, the left one to the right."""
+_HAND = (0.13, 0.0, 0.0)
+"""m by which SlimeVR's hand is forward of the forearm's line, arms hanging (measured, default proportions)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,81 +212,51 @@ class Role:
 
     name: the sender's, as in `StreamFrame.names`. point: the canonical sensor whose joint its position is, "" if none.
     segment: the canonical sensor whose body segment its rotation is, "" if none. standing: the orientation that is
-    sent, wxyz, of who stands upright with hanging arms and faces x. offset: from the joint to the point that is sent,
-    m, in the axes of the sent rotation; of the sender's default proportions, where calibration begins.
+    sent, wxyz, of a person who stands upright with hanging arms and faces x. offset: from the joint to the point that
+    is sent, m, in the axes of the sent rotation; of the sender's default proportions, where calibration begins.
     """
 
     name: str
     point: str
     segment: str
-    standing: Quaternion = _UPRIGHT
-    offset: Triple = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        assert {self.point, self.segment} <= {"", *SENSORS} and (self.point or self.segment)
+    standing: tuple[float, float, float, float] = _UPRIGHT
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-_SIDES = (("l_", "Left"), ("r_", "Right"))
+_ROLES = {
+    # Knee and elbow: the joint, turned with the segment above it. Hand: in front of the grip.
+    "slimevr LEFT RIGHT": """human://HEAD head head | human://CHEST chest chest | human://WAIST pelvis pelvis
+        | human://%_KNEE *knee *hip | human://%_FOOT *ankle *ankle | human://%_ELBOW *elbow *shoulder
+        | human://%_HAND *wrist *wrist""",
+    # SlimeVR's fixed ids over VRChat OSC, same meaning. The head turns on a yaw reset only; no wrists.
+    "slimevr_vrchat 0 0": """tracker://head head - | tracker://6 chest chest | tracker://1 pelvis pelvis
+        | tracker://2 l_ankle l_ankle | tracker://3 r_ankle r_ankle | tracker://4 l_knee l_hip
+        | tracker://5 r_knee r_hip | tracker://7 l_elbow l_shoulder | tracker://8 r_elbow r_shoulder""",
+    # Unity's bones: the joint where the bone begins, and the bone; after forward kinematics (`VmcBodyDecoder`).
+    "unity_bones Left Right": """bone://Head head head | bone://Chest chest - | bone://UpperChest - chest
+        | bone://Hips pelvis pelvis | bone://%UpperArm *shoulder *shoulder | bone://%LowerArm *elbow *elbow
+        | bone://%Hand *wrist *wrist | bone://%UpperLeg *hip *hip | bone://%LowerLeg *knee *knee
+        | bone://%Foot *ankle *ankle | bone://%Toes *toe *toe""",
+}
+"""By convention and its words of the sides (%): names of poses, their points and segments, of both sides (*)."""
 
-_HAND_FORWARD = 0.13
-"""m by which SlimeVR's hand is forward of the forearm's line, arms hanging (measured, default proportions)."""
 
-_SLIMEVR = (
-    Role("human://HEAD", "head", "head"),
-    Role("human://CHEST", "chest", "chest"),
-    Role("human://WAIST", "pelvis", "pelvis"),
-    *(
-        role
-        for short, side in _SIDES
-        for role in (
-            Role(f"human://{side.upper()}_KNEE", f"{short}knee", f"{short}hip"),
-            Role(f"human://{side.upper()}_FOOT", f"{short}ankle", f"{short}ankle"),
-            Role(f"human://{side.upper()}_ELBOW", f"{short}elbow", f"{short}shoulder"),
-            Role(f"human://{side.upper()}_HAND", f"{short}wrist", f"{short}wrist", offset=(_HAND_FORWARD, 0.0, 0.0)),
-        )
-    ),
-)
-"""SlimeVR's sparse set. Knee and elbow: the joint, turned with the segment above it. Hand: a point in front of the
-grip, beyond the wrist by a length that the stream does not hold; without a tracker there, it turns with the forearm.
-SlimeVR sends roles without trackers too, so the performer's file must list those with trackers."""
+def _roles(texts: str, left: str, right: str) -> Iterator[Role]:
+    for text in texts.split("|"):
+        for short, word in (("l_", left), ("r_", right)) if "%" in text else (("", ""),):
+            name, point, segment = text.replace("%", word).replace("*", short).split()
+            arm = name.startswith("bone://") and point[2:] in ("shoulder", "elbow", "wrist")
+            standing = _LOWERED[short] if arm else _UPRIGHT
+            offset = _HAND if name.endswith("_HAND") else (0.0, 0.0, 0.0)
+            yield Role(name, point.strip("-"), segment.strip("-"), standing, offset)
 
-_SLIMEVR_VRCHAT = (
-    Role("tracker://head", "head", ""),
-    Role("tracker://6", "chest", "chest"),
-    Role("tracker://1", "pelvis", "pelvis"),
-    *(
-        Role(f"tracker://{number}", short + point, short + segment)
-        for point, segment, numbers in (("ankle", "ankle", "23"), ("knee", "hip", "45"), ("elbow", "shoulder", "78"))
-        for (short, _), number in zip(_SIDES, numbers, strict=True)
-    ),
-)
-"""SlimeVR's fixed ids over VRChat OSC, same meaning as above. The head turns on a yaw reset only; no wrists."""
 
-_BONES = (
-    Role("bone://Head", "head", "head"),
-    Role("bone://Chest", "chest", ""),
-    Role("bone://UpperChest", "", "chest"),
-    Role("bone://Hips", "pelvis", "pelvis"),
-    *(
-        Role(f"bone://{side}{bone}", short + sensor, short + sensor, _LOWERED[short])
-        for bone, sensor in (("UpperArm", "shoulder"), ("LowerArm", "elbow"), ("Hand", "wrist"))
-        for short, side in _SIDES
-    ),
-    *(
-        Role(f"bone://{side}{bone}", short + sensor, short + sensor)
-        for bone, sensor in (("UpperLeg", "hip"), ("LowerLeg", "knee"), ("Foot", "ankle"), ("Toes", "toe"))
-        for short, side in _SIDES
-    ),
-)
-"""Unity's bones: the joint where the bone begins, and the bone; after forward kinematics (`VmcBodyDecoder`)."""
-
-ROLE_SETS = {"slimevr": _SLIMEVR, "slimevr_vrchat": _SLIMEVR_VRCHAT, "unity_bones": _BONES}
+ROLE_SETS = {
+    convention: tuple(_roles(texts, left, right))
+    for words, texts in _ROLES.items()
+    for convention, left, right in [words.split()]
+}
 """The roles of one kind of sender, under the name that performers' files use."""
-
-
-def role(convention: str, name: str) -> Role:
-    """The role of a pose by the sender's name."""
-    return next(one for one in ROLE_SETS[convention] if one.name == name)
 
 
 def canonical_orientation(role: Role, orientation: FloatArray) -> FloatArray:
