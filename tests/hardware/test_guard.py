@@ -129,6 +129,10 @@ def test_a_servo_that_is_lost_is_latched_once_it_is_too_old() -> None:
     rig.run(3)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_LOST
     assert "waist (id 3)" in reason(rig) and not rig.guard.may_go_to_rest
+    # What it said last is old: it says nothing about where the joint is that moves.
+    rig = moving(*silent(0), limits=GuardLimits(max_age=0.1, following_error=0.1))
+    rig.run(80)
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_LOST
 
 
 def test_an_alert_is_latched_with_the_servo() -> None:

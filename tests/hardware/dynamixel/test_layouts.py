@@ -1,13 +1,14 @@
 """A bus of XL-320: protocol 2.0 with the older layout, from the scan to torque off; and lines with both layouts."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bus_rig import CYCLE, BusRig, bus_of, spec, specs
 from emulated import answered, read_register, servo1, write_register, wrote
-from hardware.bus import BusSpec, ServoAlert
+from hardware.bus import ServoAlert
 from hardware.dynamixel.bus import BusWatch
 from hardware.dynamixel.codec import ALERT, Error2, Instruction
 from hardware.dynamixel.cyclic import BusLine
@@ -21,11 +22,10 @@ from messages import refuses
 SPEED = Speed(2, 1_000_000)
 
 
-def _rig(servos: list[ServoSpec] | None = None, **more: object) -> BusRig:
+def _rig(servos: list[ServoSpec] | None = None, *, start: list[int] | None = None) -> BusRig:
     """Four XL-320, or those servos, at 1 Mbps. The watchdog of the bus is that of its profile: none."""
     servos = specs(4, "XL-320") if servos is None else servos
-    spec_of_bus = BusSpec("main", "/dev/main", SPEED.baud, 2, tuple(one.id for one in servos), watchdog=0.0)
-    rig = BusRig(servos, buses=[spec_of_bus], **more)  # type: ignore[arg-type]
+    rig = BusRig(servos, buses=[replace(bus_of(servos, baud=SPEED.baud), watchdog=0.0)], start=start)
     for one in rig.devices:
         one.supply(7.4 if one.model == "XL-320" else None, 0.0)
     return rig
@@ -33,8 +33,8 @@ def _rig(servos: list[ServoSpec] | None = None, **more: object) -> BusRig:
 
 def test_a_bus_is_opened_driven_and_let_go() -> None:
     gains = ServoGains(position_p=48, position_i=2)
-    rig = _rig([ServoSpec(**(vars(one) | {"gains": gains})) for one in specs(4, "XL-320")], start=[400, 500, 512, 600])
-    rig.devices[1].memory.put("control_mode", 1)  # a wheel
+    rig = _rig([replace(one, gains=gains) for one in specs(4, "XL-320")], start=[400, 500, 512, 600])
+    rig.put(2, control_mode=1)  # a wheel
     rig.ready(torque=True)
     assert rig.shown("torque_enable") == [1, 1, 1, 1] and rig.shown("torque_limit") == [1023] * 4
     assert rig.shown("p_gain") == [48] * 4 and rig.shown("i_gain") == [2] * 4 and rig.shown("control_mode") == [2] * 4
@@ -47,8 +47,10 @@ def test_a_bus_is_opened_driven_and_let_go() -> None:
         fastest = np.where(np.abs(states.velocity) > np.abs(fastest), states.velocity, fastest)
     assert np.abs(states.position - goals).max() <= 1 and np.abs(rig.shafts() - goals).max() <= 1
     assert list(np.sign(fastest)) == [1, -1, -1, -1]
-    most = rig.servos[0].model.no_load_speed
-    assert 0.2 < np.abs(fastest).max() < 1.01 * most
+    model = rig.servos[0].model
+    assert 0.2 < np.abs(fastest).max() < 1.01 * model.no_load_speed
+    assert model.tick_rad == pytest.approx(math.radians(300.0) / 1024) and not model.has_turns
+    assert CYCLE * model.no_load_speed / model.tick_rad < 20  # ticks that a goal may move in a cycle
     assert states.voltage == pytest.approx([7.4] * 4, abs=0.1) and np.isnan(states.current).all()
     assert (states.temperature > 20.0).all()
     rig.bus.torque(False)
@@ -81,8 +83,8 @@ def test_an_error_is_what_the_register_says_and_not_what_another_layout_would() 
 
 def test_opening_refuses_limits_errors_and_a_supply_with_the_fix() -> None:
     rig = _rig()
-    narrow, hot, weak = rig.devices[:3]
-    narrow.memory.put("cw_angle_limit", 400)
+    _, hot, weak = rig.devices[:3]
+    rig.put(1, cw_angle_limit=400)
     hot.heat(95.0, 0.0)
     weak.supply(5.5, 0.0)
     rig.clock.sleep_until(1.0)
@@ -90,7 +92,7 @@ def test_opening_refuses_limits_errors_and_a_supply_with_the_fix() -> None:
     with refuses(BusError, "400", "cw_angle_limit", "too hot", "5.5 V"):
         rig.bus.open()
     assert rig.images() == before
-    narrow.memory.put("cw_angle_limit", 0)
+    rig.put(1, cw_angle_limit=0)
     hot.heat(None, 1.0)
     weak.supply(7.4, 1.0)
     rig.clock.sleep_until(2.0)
@@ -98,23 +100,18 @@ def test_opening_refuses_limits_errors_and_a_supply_with_the_fix() -> None:
     assert any("ids 1, 2, 3, 4" in note for note in rig.notes)  # none has a bus watchdog
 
 
-def _line(rig: BusRig) -> BusLine:
-    """The line as `scan`, `monitor` and `rest` see it without a profile."""
+@pytest.mark.parametrize("others", ["XL-320", "XM430-W350"])
+def test_without_a_profile_servos_of_both_layouts_are_found_watched_and_let_go(others: str) -> None:
+    """As `scan`, `monitor` and `rest` see a line."""
+    rig = _rig([spec(1, "XL-320"), spec(2, "XL-320"), spec(3, others), spec(4, others)], start=[300, 500, 600, 700])
+    for one in rig.devices:
+        write_register(one, "torque_enable", 1)
     rig.port.open(SPEED.baud)
     seen = scan_line(rig.port, [SPEED]).sightings
     assert [(one.found.id, one.model) for one in seen] == [(one.id, one.model) for one in rig.devices]
     name, placed = as_bus("main", seen)
     line = BusLine(name, rig.port, placed)
     look(line, seen)
-    return line
-
-
-@pytest.mark.parametrize("others", ["XL-320", "XM430-W350"])
-def test_without_a_profile_servos_of_both_layouts_are_found_watched_and_let_go(others: str) -> None:
-    rig = _rig([spec(1, "XL-320"), spec(2, "XL-320"), spec(3, others), spec(4, others)], start=[300, 500, 600, 700])
-    for one in rig.devices:
-        write_register(one, "torque_enable", 1)
-    line = _line(rig)
     states = BusWatch([line]).read()
     assert states.valid.all() and list(states.position) == [300, 500, 600, 700]
     assert not_limp(line, [1, 2, 3, 4]) == [1, 2, 3, 4]
@@ -123,15 +120,13 @@ def test_without_a_profile_servos_of_both_layouts_are_found_watched_and_let_go(o
 
 
 def test_a_servo_of_the_other_layout_that_the_profile_does_not_have_is_named_and_let_go() -> None:
-    x, stray = specs(2), spec(9, "XL-320")
-    rig = BusRig(x, buses=[bus_of(x, baud=SPEED.baud)], unknown_ids=[stray])
+    rig = BusRig(specs(2), baud=SPEED.baud, unknown_ids=[spec(9, "XL-320")])
     (other,) = [one for one in rig.line.devices if one.id == 9]
     other.memory.put("torque_enable", 1)
     other.react({"torque_enable"}, 0.0)
     rig.port.open(SPEED.baud)
     line = rig.bus.lines[0]
-    seen = look_at_bus(line)
-    assert any("9 (XL-320)" in text for text in seen.wrong)
+    assert any("9 (XL-320)" in text for text in look_at_bus(line).wrong)
     assert not_limp(line, [1, 2, 9]) == [9]
     assert off_everywhere({line: [1, 2, 9]}) == [] and other.memory.value("torque_enable") == 0
 
@@ -155,9 +150,3 @@ def test_a_servo_answers_and_refuses_as_protocol_2_does() -> None:
     servo.heat(None, 2.0)
     assert answered(servo, Instruction.FACTORY_RESET, b"\1", 60.0).error == 0
     assert read_register(servo, "ccw_angle_limit", 61.0) == 1023
-
-
-def test_the_numbers_of_a_servo_are_those_of_its_travel() -> None:
-    model = spec(1, "XL-320").model
-    assert model.tick_rad == pytest.approx(math.radians(300.0) / 1024) and not model.has_turns
-    assert CYCLE * model.no_load_speed / model.tick_rad < 20  # ticks that a goal may move in a cycle
