@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from messages import Facts, refuses
 from motion_texts import BONES, amc_text, asf_text, write_amc
@@ -39,10 +40,7 @@ def test_the_tree_follows_the_hierarchy_and_dummy_bones_carry_no_dof(tmp_path: P
 
 def test_axes_apply_their_angles_in_the_order_listed(tmp_path: Path) -> None:
     asf = read_asf(write(tmp_path, asf_text()))
-    x, y, z = (
-        rotations.from_axis_angle(axis, np.radians(a)) for axis, a in zip(np.eye(3), (180, -30, -90), strict=True)
-    )
-    expected = rotations.multiply(z, rotations.multiply(y, x))
+    expected = np.roll(Rotation.from_euler("xyz", (180, -30, -90), degrees=True).as_quat(), 1)
     actual = asf.frames[asf.tree.names.index("lradius")]
     assert abs(float(np.dot(actual, expected))) == pytest.approx(1.0)
 
@@ -52,9 +50,8 @@ def test_radians_line_ends_and_latin_letters_are_read(tmp_path: Path) -> None:
     path = tmp_path / "07.ASF"
     path.write_bytes(text.replace("made for a test", "für einen Test").replace("\n", "\r\n").encode("latin-1"))
     asf = read_asf(path)
-    np.testing.assert_allclose(
-        rotations.log(asf.frames[asf.tree.names.index("lfemur")]), [0, 0, np.radians(20)], atol=1e-9
-    )
+    turn = rotations.log(asf.frames[asf.tree.names.index("lfemur")])
+    np.testing.assert_allclose(turn, [0, 0, np.radians(20)], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -83,22 +80,12 @@ def test_radians_line_ends_and_latin_letters_are_read(tmp_path: Path) -> None:
 )
 def test_each_fault_has_its_line(tmp_path: Path, old: str, new: str, what: str, offset: int | None) -> None:
     text = asf_text()
-    assert old in text
     path = write(tmp_path, text.replace(old, new, 1))
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=what) as caught:
         read_asf(path)
-    assert what in str(caught.value)
-    assert str(path) in caught.value.problems[0].where
-    if offset is not None:
-        line = text[: text.index(old)].count("\n") + 1 + offset
-        assert caught.value.problems[0].where == f"{path}:{line}"
-
-
-@pytest.mark.parametrize("share", [0.02, 0.1, 0.3, 0.6, 0.9, 0.97])
-def test_a_file_cut_short_is_refused(tmp_path: Path, share: float) -> None:
-    text = asf_text()
-    with pytest.raises(InputError):
-        read_asf(write(tmp_path, text[: int(share * len(text))]))
+    line = text[: text.index(old)].count("\n") + 1 + (offset or 0)
+    where = caught.value.problems[0].where
+    assert where == f"{path}:{line}" if offset is not None else str(path) in where
 
 
 def test_a_deep_skeleton_needs_no_recursion(tmp_path: Path) -> None:
@@ -178,9 +165,7 @@ def test_each_fault_of_a_frame_has_its_line(tmp_path: Path, old: str, new: str, 
         assert line in (expected, expected + (old == "\n3\n"))
 
 
-@pytest.mark.parametrize(
-    "text", ["", "\n\n", ":DEGREES\n", "# nothing\n", "hello world\n", "0\x000\n", "1\n", "1\n2\n"]
-)
+@pytest.mark.parametrize("text", ["", "\n\n", ":DEGREES\n", "# nothing\n", "hello\n", "0\x000\n", "1\n", "1\n2\n"])
 def test_texts_that_are_no_motion(tmp_path: Path, text: str) -> None:
     with pytest.raises(InputError):
         read_amc(write_amc(tmp_path, text))
@@ -192,19 +177,18 @@ def test_02_06_agrees_with_its_bvh_but_for_the_lost_thorax(shared: Path) -> None
     values, degrees = read_values(read_lines(amc), asf, amc)
     truth, names = pose_of(asf, values, degrees=degrees).position, asf.tree.names
     motion = read_motion(shared / "mocap/cmu_bvh_hahne/02_06.bvh")
-    tree, channels = motion.tree, motion.channels
-    other, others = posed(tree, channels, motion.values).position[1:], tree.names
+    other, others = posed(motion.tree, motion.channels, motion.values).position[1:], motion.tree.names
 
-    def apart(bone: str, joint: str) -> FloatArray:
+    def separation(bone: str, joint: str) -> FloatArray:
         return np.asarray(np.linalg.norm(truth[:, names.index(bone)] - other[:, others.index(joint)], axis=1))
 
     below = {"root": "Hips", "upperback": "Spine", "thorax": "Spine1"}
     for side, word in (("l", "Left"), ("r", "Right")):
-        below |= {f"{side}femur": f"{word}UpLeg", f"{side}tibia": f"{word}Leg", f"{side}foot": f"{word}Foot"}
-        below[f"{side}toes"] = f"{word}ToeBase"
+        for bone, joint in (("femur", "UpLeg"), ("tibia", "Leg"), ("foot", "Foot"), ("toes", "ToeBase")):
+            below[side + bone] = word + joint
     for bone, joint in below.items():
-        assert apart(bone, joint).max() < 1e-4, bone
-    above = {
+        assert separation(bone, joint).max() < 1e-4, bone
+    above = {"lowerneck": "Neck", "upperneck": "Neck1", "head": "Head", "lhumerus": "LeftArm"}
         "lowerneck": "Neck",
         "upperneck": "Neck1",
         "head": "Head",
@@ -212,7 +196,7 @@ def test_02_06_agrees_with_its_bvh_but_for_the_lost_thorax(shared: Path) -> None
         "rradius": "RightForeArm",
     }
     for bone, joint in above.items():
-        np.testing.assert_allclose(apart(bone, joint), 2.068, atol=1e-3, err_msg=bone)
+        np.testing.assert_allclose(separation(bone, joint), 2.068, atol=1e-3, err_msg=bone)
 
 
 def test_endorphin_is_read_in_metres_with_its_skeleton_named(shared: Path) -> None:

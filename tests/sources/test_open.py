@@ -1,13 +1,10 @@
 """Opening any motion file: the right reader by content and suffix, and refusals before anything is read."""
 
 import gzip
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from messages import Facts, refuses
 from motion_texts import amc_text, asf_text, bvh_text, c3d_bytes, write_amc
@@ -149,38 +146,6 @@ def test_every_shared_file_opens_or_says_why(shared: Path) -> None:
         assert len(frames) > 50 and frames.rate_hz in (30.0, 40.0, 120.0)
         assert frames.position[frames.valid].min() > -10.0 and frames.position[frames.valid].max() < 10.0
     assert opened == 26
-
-
-@cache
-def whole_files() -> dict[str, bytes]:
-    texts = {"07.asf": asf_text(), "07_01.amc": amc_text(2), "a.bvh": bvh_text(2)}
-    return {name: text.encode() for name, text in texts.items()} | {"a.c3d": c3d_bytes(3)}
-
-
-EDIT = st.tuples(
-    st.floats(0.0, 1.0, exclude_max=True), st.binary(max_size=8), st.integers(0, 40) | st.none(), st.booleans()
-)
-"""Where, what, instead of how many bytes (None: of as many), and whether in the first KiB, which decides the format."""
-
-
-@pytest.mark.parametrize("name", ["07.asf", "07_01.amc", "a.bvh", "a.c3d"])
-@given(edits=st.lists(EDIT, min_size=1, max_size=5))
-def test_mangled_files_raise_input_errors_only(
-    tmp_path_factory: pytest.TempPathFactory, name: str, edits: list[tuple[float, bytes, int | None, bool]]
-) -> None:
-    folder = tmp_path_factory.getbasetemp() / "mangled"
-    folder.mkdir(exist_ok=True)
-    content = whole_files()[name]
-    for share, new, cut, in_head in edits:
-        at = int(share * (min(len(content), 1024) if in_head else len(content)))
-        content = content[:at] + new + content[at + (len(new) if cut is None else cut) :]
-    for file, whole in whole_files().items():
-        (folder / file).write_bytes(content if file == name else whole)
-    try:
-        frames = open_source(folder / ("07_01.amc" if name == "07.asf" else name))
-    except InputError:
-        return
-    assert np.isfinite(frames.position[frames.valid]).all() and np.isnan(frames.position[~frames.valid]).all()
 
 
 @pytest.mark.parametrize("address", ["vmc://:39539", Path("vmc://:39539"), "osc://host:1/x"])
