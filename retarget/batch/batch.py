@@ -52,9 +52,8 @@ def run_batch(
     look: Callable[[BatchTally, ClipRow | None], None] = lambda tally, row: None,
     clock: Clock | None = None,
 ) -> BatchTally:
-    """Run the clips that are not done yet, and keep each row in the index. It can be called again after any end. look:
-    receives the tally at the beginning and with each row. Raises RetargetError if no clip can be begun, or an output
-    would replace a file that was not made of its source."""
+    """Run the remaining clips, and keep each row in the index. look: receives the tally at the beginning and with each
+    row. Raises RetargetError if no clip can be begun, or an output would replace a file of another source."""
     clock = clock or MonotonicClock()
     known = index.known()
     todo = still_to_do(clips, settings, known, retry_failed=retry_failed)

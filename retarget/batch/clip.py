@@ -80,9 +80,9 @@ class BatchClip:
 
 @dataclass(frozen=True)
 class BatchSettings:
-    """Settings of all clips of a batch. out: absolute path of the folder of outputs. reading: options of `open_source`.
-    format, fps: of the outputs, None for a row per tick. bench: importable name (`module:attribute`) of a `MakeBench`.
-    hash: SHA-256 of all inputs of an output except its source."""
+    """Settings of a batch. out: absolute path of the outputs. reading: options of `open_source`. fps: of the outputs,
+    None for a row per tick. bench: importable name (`module:attribute`) of a `MakeBench`. hash: SHA-256 of all inputs
+    of an output except its source."""
 
     out: Path
     options: RunOptions
@@ -113,12 +113,11 @@ MakeBench = Callable[[RunOptions, Notify], ClipBench]
 class ClipRow:
     """The row of a clip. Unknown numbers are None.
 
-    error: class of the error; message: in a sentence. verdict, differs: as `retarget run` prints them. stop: reason of
-    the guard. frames: played frames of the source; ticks: of the run; seconds: of following; took_s: wall time.
-    tracking_mm, tracking_max_mm: mean and maximum of landmarks; likeness_deg, likeness_worst_deg: mean of limbs, and of
-    the worst limb. foot_slide_mm: as in a report. penetrating_ticks: ticks with contact of the body with itself or the
-    scene; clearance_mm: to itself. at_position_limit, at_velocity_limit, at_acceleration_limit, gated: shares of the
-    ticks that followed. source_bytes, source_time_ns: size and modification time of the source.
+    error: class of the error. verdict, differs: as `retarget run` prints them. stop: reason of the guard. frames: of
+    the source; seconds: of following; took_s: wall time. tracking_mm, tracking_max_mm: of landmarks; likeness_deg,
+    likeness_worst_deg: of limbs. penetrating_ticks: with contact of the body with itself or the scene; clearance_mm: to
+    itself. at_position_limit, at_velocity_limit, at_acceleration_limit, gated: shares of the ticks that followed.
+    source_bytes, source_time_ns: size and modification time of the source.
     """
 
     source: str
@@ -281,8 +280,7 @@ def _row(clip: BatchClip, settings: BatchSettings, status: ClipStatus, **known: 
 
 
 def follow_clip(clip: BatchClip, settings: BatchSettings) -> ClipRow:
-    """Follow a clip in virtual time, write the output, whole or not at all, and measure the run. Raises RetargetError
-    if a file cannot be read or written, or the motion cannot be followed."""
+    """Follow a clip in virtual time, write the output, and measure the run. Raises RetargetError."""
     options, frames_of = settings.options, lambda: open_source(Path(clip.source), **dict(settings.reading))
     make_bench: MakeBench = importable(settings.bench)
     bench = make_bench(options, lambda text: None)

@@ -1,7 +1,6 @@
 """Engines that run the clips of a batch: processes of this machine, or Ray, on this machine or on a cluster.
 
-An engine yields rows in the order in which clips end. Both isolate a clip in a `ClipWorker`, so that rows and outputs
-are the same.
+Both yield rows in the order in which clips end, and isolate a clip in a `ClipWorker`.
 """
 
 import os

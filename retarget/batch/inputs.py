@@ -28,11 +28,10 @@ def find_clips(
 ) -> tuple[BatchClip, ...]:
     """Return the clips of files, folders, patterns (also `**`) and lists, sorted by output, each source once.
 
-    A folder is searched recursively for motion files, without hidden ones and `out`. A missing path in a list is a clip
-    that fails. An output has the path of its source below the folder, the fixed part of the pattern, or the folder of
-    the list, with `ending`, and a hash of the source's path if it would not be unique or would be a table. sources: by
-    output, from the index: a source keeps its output. Raises UsageError if an input has no clip, or an output would
-    replace a source, InputError for an unreadable list.
+    A folder is searched recursively, without hidden files and `out`. A missing path in a list is a clip that fails. An
+    output has the path of its source below the folder, pattern or list, with `ending`, and a hash if it would not be
+    unique or would be a table. sources: by output, from the index: a source keeps its output. Raises UsageError if an
+    input has no clip, or an output would replace a source, InputError for an unreadable list.
     """
     real_out = Path(os.path.realpath(out))
     below = dict[str, str]()  # source -> path of the output without its ending

@@ -1,7 +1,6 @@
 """A separate process for clips, one after the other, so that no clip affects the others.
 
-The process itself returns the row of a clip that raises. If a clip hangs, ends the process or takes too much memory,
-the driver makes its row, and the next clip gets a new process.
+If a clip hangs, ends the process or takes too much memory, the next clip gets a new process.
 """
 
 import multiprocessing

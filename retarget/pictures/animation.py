@@ -1,4 +1,4 @@
-"""Data of the page's player: performer, robot, centre of mass and soles, in fewer rows than there are ticks."""
+"""Data of the page's player: performer, robot, centre of mass and soles, thinned."""
 
 import base64
 import math
@@ -41,9 +41,8 @@ MOST_INTEGER = 2**15 - 1
 
 
 def packed_poses(poses: FloatArray, centre: FloatArray) -> dict[str, Any]:
-    """Pack poses (T, m, 7) of position, m, and quaternion as little-endian 16-bit integers. The unit of a position
-    relative to the centre (T, 2) on the floor is `step`, m; that of a quaternion is 1 / MOST_INTEGER. A zero quaternion
-    is an unknown pose."""
+    """Pack poses (T, m, 7) as little-endian 16-bit integers: positions relative to the centre (T, 2) on the floor in
+    units of `step`, m, quaternions in 1 / MOST_INTEGER. A zero quaternion is an unknown pose."""
     place = np.nan_to_num(poses[..., :3] - np.pad(centre, ((0, 0), (0, 1)))[:, None])
     step = max(float(np.abs(place).max(initial=0.0)), 1e-6) / MOST_INTEGER
     numbers = np.concatenate([place / step, np.nan_to_num(poses[..., 3:]) * MOST_INTEGER], axis=-1)
@@ -58,11 +57,8 @@ TRAVEL = 0.5
 
 
 def animation_of(run: RunResult) -> dict[str, Any] | None:
-    """Return the data of the player for JSON; None for a run that followed nothing.
-
-    time: ms. phase, gated: a letter per row. every: ticks per row. moments: times of faults, ms. recorded: body
-    of a human alone, from its file. poses: rows that are shown side by side.
-    """
+    """Return the data of the player; None for a run that followed nothing. time: ms. phase, gated: a letter per row.
+    every: ticks per row. moments: times of faults, ms. poses: rows that are shown side by side."""
     record, following = run.record, run.record.following
     if following.stop - following.start < 2:
         return None
@@ -118,10 +114,9 @@ def figure(
     scene: tuple[Sequence[Mesh], FloatArray] | None = None,
     observers: tuple[Sequence[Mesh], FloatArray, FloatArray] | None = None,
 ) -> dict[str, Any]:
-    """Return a body for `Figure` of `figure.js`. poses, goal: (T, links, 7). marks (T, k, 3): sensors of a performer or
-    desired landmarks of a robot, m. scene: meshes and poses (T or 1, o, 7) of obstacles. observers: meshes, poses
-    (T, o, 7) and nearest points (T, 2, 3), m. layers: names of other parts that can be hidden. The result also has
-    `centre` (T, 2), `height` and `reach`, m, for the view."""
+    """Return a body for `Figure` of `figure.js`. poses, goal: (T, links, 7). marks (T, k, 3): sensors or desired
+    landmarks, m. scene: meshes and poses (T or 1, o, 7) of obstacles. observers: meshes, poses (T, o, 7) and nearest
+    points (T, 2, 3), m. layers: other parts that can be hidden."""
     boxes = np.array([[mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)] for mesh in solid.meshes])
     corners = np.stack([boxes[:, [x, y, z], range(3)] for x in (0, 1) for y in (0, 1) for z in (0, 1)], axis=1)
     some = poses[:: math.ceil(len(poses) / MOST_ROWS)]
@@ -155,10 +150,9 @@ def _smooth(track: FloatArray, width: int) -> FloatArray:
 
 
 def ground(robot: RobotBody, q: FloatArray, rows: IntArray) -> dict[str, Any] | None:
-    """Return soles and centre of mass in rows of postures q (T, nq); None for a robot that does not stand. corners
-    (T, c, 3): of all soles, `sizes` per sole. com (T, 3). margin (T,): see `support_margin`. contact: height above the
-    ground that still carries, m. middle, span (2,): of all points seen from above. outside: a letter per row, 1 if the
-    centre of mass was outside in any of its ticks."""
+    """Return soles and centre of mass in rows of postures q (T, nq); None for a robot that does not stand. corners:
+    (T, c, 3), `sizes` per sole. contact: greatest height of contact, m. middle, span (2,): seen from above. outside: a
+    letter per row, 1 if the centre of mass was outside in any of its ticks."""
     if not robot.stands:
         return None
     stand = motion_metrics.standing_of(robot, q)

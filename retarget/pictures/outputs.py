@@ -13,7 +13,7 @@ from retarget.schema.files import check_folder, check_path, check_place, refuse_
 from retarget.types import Watch, unwatched
 
 PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
-"""Names of the files in `--plots DIR`, listed here so that Matplotlib is not imported."""
+"""Names of the files in `--plots DIR`, without importing Matplotlib."""
 FILE_NAME, PAGE_NAME, RUN_NAME = "report.json", "report.html", "run.npz"
 """Names of the files in `--report DIR`, and of the run in the folder of a demo."""
 PAGES = (".html", ".htm")
@@ -34,10 +34,8 @@ def report_path(text: str | Path) -> Path:
 
 
 def page_path(text: str | Path) -> Path | None:
-    """Return the path of the page of a report, `report.html` in the given folder; None for a file.
-
-    A new name is a folder's unless it ends in `.json`. Raises UsageError for the name of a page.
-    """
+    """Return the path of the page in a folder, None for FILE.json. Any other new name is a folder's. Raises UsageError
+    for the name of a page."""
     path = Path(text)
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in PAGES:
@@ -84,8 +82,7 @@ class Outputs:
         return any((self.report, self.page, self.save, self.plots, self.animate))
 
     def checked(self) -> "Outputs":
-        """Return the outputs with the paths of their files. Raises UsageError for the first one that cannot be written,
-        or exists."""
+        """Return the outputs with the paths of their files. Raises UsageError if one is not writable, or exists."""
         if self.animate is not None:
             from retarget.pictures.solid import animation_path
         places = replace(
@@ -103,12 +100,12 @@ class Outputs:
 
     @classmethod
     def in_folder(cls, folder: Path) -> "Outputs":
-        """Return all outputs in one folder, which `write` makes. Raises UsageError if it is not writable."""
+        """Return all outputs in one folder. Raises UsageError if it is not writable."""
         check_folder(folder, option="folder")
         return cls(report=folder / FILE_NAME, page=folder / PAGE_NAME, save=folder / RUN_NAME, plots=folder)
 
     def refuse_existing(self, option: str = "") -> None:
-        """Raise UsageError for the first file that exists. option: the one option of all files, for the message."""
+        """Raise UsageError if a file exists. option: for the message, by default that of the file."""
         places = [
             ("--report", self.report),
             ("--report", self.page),
@@ -122,8 +119,7 @@ class Outputs:
                 refuse_existing(path, option=option or own)
 
     def write(self, run: RunResult, report: Report, *, watch: Watch = unwatched) -> "WrittenFiles":
-        """Write each output. A failure does not keep the others from being written. watch: shows the progress of an
-        animation, which KeyboardInterrupt ends."""
+        """Write each output, even if others fail. KeyboardInterrupt ends an animation, whose progress `watch` shows."""
         if self.page is not None or self.plots is not None:
             from retarget.pictures.page import write_page
             from retarget.pictures.plots import figures_of, write_plots
@@ -175,7 +171,7 @@ class WrittenFiles:
 
     @property
     def first(self) -> Path | None:
-        """The file to open first: page, animation or picture of the poses, else any; None if there is none."""
+        """The file to open first, None if there is none."""
         by_name = {path.name if what == "picture" else what: path for what, path in self.files}
         known = (by_name.get(what) for what in ("page", "animation", "poses.png", "report", "run", "recording"))
         return next(filter(None, known), None)

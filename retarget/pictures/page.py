@@ -29,10 +29,8 @@ _LEFT_OUT = re.compile(r"<metadata>.*?</metadata>|<!--.*?-->|<\?xml.*?\?>|<!DOCT
 
 
 def drawn(figure: Figure, name: str) -> str:
-    """Return a figure as an SVG element. name: prefix of its ids. Matplotlib escapes the texts.
-
-    The figure keeps the layout that it gets here, since computing it is most of the work.
-    """
+    """Return a figure as an SVG element. name: prefix of its ids. The figure keeps its layout, which takes most of the
+    time. Matplotlib escapes the texts."""
     stream = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "path.simplify_threshold": 0.3}):
         figure.savefig(stream, format="svg", transparent=True)

@@ -80,7 +80,7 @@ WIDTH, MOST_PER_HEIGHT, TITLE, LABEL = 13.5, 1.7, 0.45, 0.36
 GAP = 0.07
 """Room between poses and between their lines, in heights of the head."""
 TRAVELS = 0.5
-"""The title has both travels if the performer's exceeds the robot's by this, m."""
+"""Excess travel of the performer for a note in the title, m."""
 
 
 def plot_poses(run: RunResult) -> Figure | None:
@@ -127,9 +127,8 @@ def plot_poses(run: RunResult) -> Figure | None:
 def unlike_ticks(run: RunResult, count: int) -> list[int]:
     """Return `count` ticks at which the performer's postures differ most.
 
-    They are the first tick that followed, the tick of `least_alike`, then each time the one farthest from those chosen
-    (farthest point sampling), at least half an equal step apart. Equal steps could show a periodic motion in one phase
-    only.
+    They are the first tick that followed, `least_alike`, then the ticks of farthest point sampling, at least half an
+    equal step apart. Equal steps could show a periodic motion in one phase only.
     """
     following, facing = run.record.following, performer_facing(run)
     points = turned(run.record.human_joints[following], facing)
@@ -245,8 +244,8 @@ def plot_balance(run: RunResult) -> Figure | None:
 
 def plot_pressure(run: RunResult) -> Figure | None:
     """Draw the paths of the centres of pressure and mass over the soles until a fall, and the distance of the former
-    from the edge of the loaded soles. They begin to tip at 0. A gap means that no sole was loaded, or that a hand held
-    the robot. Returns None without physics, or if no sole was loaded."""
+    from the edge of the loaded soles, with gaps if none is loaded or a hand holds the robot. Returns None without
+    physics, or if no sole was loaded."""
     robot, physics, sent = run.robot, run.physics, run.record.robot
     if robot is None or physics is None or sent is None or physics.least_margin is None or not robot.stands:
         return None
@@ -304,7 +303,6 @@ def _finish_above(axes: Axes) -> None:
 
 
 def _finish_margin(axes: Axes, start: float, title: str) -> None:
-    """Label axes of a distance from the edge, mm, over time from `start`, s."""
     axes.axhline(0.0, color=WARNING, linewidth=1.2)
     axes.annotate("edge", (start, 0.0), xytext=(2, 3), textcoords="offset points", fontsize=8, color=WARNING)
     axes.set_xlabel("time [s]", fontsize=9)
@@ -413,7 +411,7 @@ PICTURES = {
     "pressure": plot_pressure,
     "poses": plot_poses,
 }
-"""File name without suffix -> function that draws the figure, or returns None if there is nothing to show."""
+"""File name without suffix -> function that draws the figure, or returns None."""
 
 
 def figures_of(run: RunResult) -> dict[str, Figure]:
@@ -424,7 +422,7 @@ def figures_of(run: RunResult) -> dict[str, Figure]:
 
 
 def write_plots(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
-    """Write figures as PNG files into `folder`, which is made if needed. Raises UsageError if that fails."""
+    """Write figures as PNG files into `folder`. Raises UsageError."""
     written = []
     make_folder(folder, option="--plots")
     try:

@@ -67,8 +67,7 @@ BLUR, SHADOW_PX, DARK = 0.036, 160, 52
 FADED, FARTHEST = 3.0, 4.0
 """Distance at which a shadow has faded, in units of BLUR, and half the side of the floor with shadows."""
 PITCH, MARKS, MARK, GOES = 0.25, 2, 0.012, 0.3
-"""Marks on the floor of a body that travels farther than GOES: their distance, their number to each side, and their
-radius."""
+"""Pitch, number to each side and radius of marks on the floor, if a body travels farther than GOES."""
 COARSE = 4
 """Pixels of a picture per pixel of a shadow, which is blurred anyway."""
 
@@ -77,9 +76,8 @@ COARSE = 4
 class DrawnPostures:
     """A body in p postures that face x, with the feet at the origin, in heights of the body.
 
-    poses (p, k, 7): of its links, position and wxyz. size: height, m. soles: outlines (p, c, 3) on the ground.
-    recorded (p, e, 3): points of the recorded body, which `bones` join by thin black lines. around: the same body with
-    its translucent obstacles. marks (p, m, 3): on the floor.
+    poses (p, k, 7): of links. size: height, m. soles: outlines (p, c, 3). recorded (p, e, 3): points of the recorded
+    body, joined by `bones`. around: the body with its translucent obstacles. marks (p, m, 3): on the floor.
     """
 
     solid: SolidBody
@@ -93,8 +91,7 @@ class DrawnPostures:
 
     @cached_property
     def _surface(self) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
-        """Vertices (v, 3) in link frames, heights, normals (v, 3), owners (v,) and faces (f, 3) of all meshes. An open
-        mesh appears twice, once per side."""
+        """Vertices (v, 3) in link frames, normals (v, 3), owners (v,) and faces (f, 3). Open meshes have two sides."""
         known = [(number, mesh) for number, mesh in enumerate(self.solid.meshes)]
         known += [(number, Mesh(mesh.vertices, mesh.faces[:, ::-1])) for number, mesh in known if not mesh.is_closed]
         numbers, meshes = zip(*known, strict=True)
@@ -127,7 +124,7 @@ class DrawnPostures:
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
     def shadow_end(self, pose: int) -> float:
-        """Right end of the shadow of one posture in the picture. The light comes from the left."""
+        """Right end of the shadow of one posture in the picture."""
         across, _, _ = project(np.pad(_fallen(self.points(pose)), ((0, 0), (0, 1))))
         return float(across.max()) + FADED * BLUR
 
@@ -358,8 +355,7 @@ def feet_of(points: FloatArray, names: tuple[str, ...]) -> FloatArray:
 
 
 def _marks(feet: FloatArray, facing: FloatArray) -> FloatArray | None:
-    """Marks (p, m, 3) fixed to the floor, relative to feet (p, 1, 3), all in heights, for a heading (p or 1, 2); None
-    for a body that does not travel."""
+    """Marks (p, m, 3) of the floor, relative to feet (p, 1, 3), for a heading (p or 1, 2); None if the body stays."""
     if np.ptp(feet, axis=0).max() < GOES:
         return None
     ahead = np.arange(-MARKS, MARKS + 1.0)
@@ -392,8 +388,7 @@ QUALITY = 80
 
 
 def moving(run: RunResult, *, seconds: float = LONGEST_S) -> dict[str, DrawnPostures]:
-    """Return performer and robot, by title, at FPS while the run followed, for at most `seconds`. The run must have
-    ticks that followed."""
+    """Return performer and robot, by title, at FPS while the run followed, for at most `seconds`."""
     following = run.record.following
     time = run.record.time[following]
     instants = np.arange(time[0], min(time[-1], time[0] + seconds), 1.0 / FPS)
@@ -444,8 +439,7 @@ def gif(frames: Iterable[Image.Image], count: int) -> bytes:
 
 
 class _Reel(Image.Image):
-    """Pictures as one image of several frames for Pillow's encoder. Each is made when it is sought, since a list of
-    them takes gigabytes."""
+    """An image of several frames for Pillow's encoder. Each is made when it is sought, since all take gigabytes."""
 
     def __init__(self, frames: Iterable[Image.Image], count: int) -> None:
         super().__init__()
@@ -502,8 +496,8 @@ def animation_path(path: Path) -> Path:
 
 
 def write_animation(run: RunResult, path: Path, *, watch: Watch = unwatched) -> None:
-    """Write performer and robot of a run side by side, moving, for at most LONGEST_S. watch: counts the pictures.
-    Raises UsageError if the file cannot be written, or if nothing was followed."""
+    """Write an animation of performer and robot, of at most LONGEST_S. watch: shows progress. Raises UsageError if the
+    file cannot be written, or if nothing was followed."""
     if run.ticks_followed < 2:
         raise UsageError("no tick followed, and an animation shows what followed", where="--animate")
     shown = moving(run)

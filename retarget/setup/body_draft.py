@@ -35,11 +35,10 @@ Looks = dict[tuple[str, tuple[float, float, float] | None], Mesh]
 
 @dataclass(frozen=True, eq=False)
 class BodyDraft:
-    """A drafted body. spec, model: `mujoco.MjSpec` and `mujoco.MjModel` of the source with its meshes, and with the
-    names of the written body. content: the written MJCF. shapes: of its links, in place of meshes. notes: changes, for
-    the user. limits: joint -> change of its limits. speeds: joint -> rad/s in the file. welded: True if its torso is
-    fixed to a link `world`. hints: names of meshes, which may name servos. too_large: a sentence on meshes in another
-    unit, or "". looks: for pictures, see `_looks`."""
+    """A drafted body. spec, model: `mujoco.MjSpec` and `mujoco.MjModel` of the source, with its meshes. content: the
+    written MJCF. shapes: in place of meshes. notes: changes. limits: joint -> change. speeds: joint -> rad/s in the
+    file. welded: True if its torso is fixed to a link `world`. hints: names of meshes, which may name servos.
+    too_large: a sentence on meshes in another unit, or ""."""
 
     spec: Any
     model: Any

@@ -32,8 +32,8 @@ TILTS = (Tilt("forward", 1, 1.0), Tilt("to its left", 0, -1.0))
 
 @dataclass(frozen=True)
 class HeldTilt:
-    """A held tilt. oriented, weighed: roll and pitch by orientation and by acceleration, rad. turned: angle since the
-    start about x, y and z by the gyroscope, rad. up: acceleration along z, g."""
+    """A held tilt. oriented, weighed: roll and pitch by orientation and by acceleration, rad. turned: angles about x, y
+    and z by the gyroscope, rad. up: acceleration along z, g."""
 
     oriented: tuple[float, float]
     weighed: tuple[float, float]

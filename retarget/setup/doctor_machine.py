@@ -168,7 +168,7 @@ def serial_findings(ports: Iterable[str] | None = None) -> list[DoctorFinding]:
 
 
 def _group(path: str) -> str:
-    """The group that may open a port; "" if its mode does not let a group, or its name is unknown."""
+    """The group that may open a port, "" if there is none."""
     try:
         mode = Path(path).stat().st_mode
         return Path(path).group() if mode & stat.S_IRGRP and mode & stat.S_IWGRP else ""
@@ -260,7 +260,7 @@ def _open_refusal(path: str, baud: int) -> DoctorFinding | None:
 
 
 def _holders(path: str, processes: Path) -> list[DoctorFinding]:
-    """Findings on processes that have the port open. One at the other end of a pseudo-terminal is a note only."""
+    """Findings on processes that have the port open."""
     holder, _, behind = serial_port.holders(path, processes).partition("; ")
     found = [finding("servo port/behind", subject=path, behind=behind)] if behind else []
     if holder != UNKNOWN_HOLDER:

@@ -35,7 +35,7 @@ ALL_NAMED = 300
 """Datagrams of which each is recognised. After them, one in SELDOM is, which costs little at 1000 per second."""
 SELDOM = 20
 MOST_NAMES = 256
-"""Most names of sensors that are kept, so that a sender cannot fill the memory."""
+"""Most names of sensors, so that a sender cannot fill the memory."""
 _UNKNOWN = np.full(7, np.nan)
 """Pose (7,) of a sensor that was not sent."""
 
@@ -55,9 +55,8 @@ class StreamCapture:
     """Data of a stream over some seconds. Every field is bounded.
 
     began, ended: s, clock of the stream. arrived: number of datagrams. sources: datagrams by sender. largest: longest
-    datagram of each address, bytes. kinds: datagrams by recognised kind. samples: poses (7,) every SAMPLE_S, by the
-    sender's names, position, m, and quaternion wxyz. states: a ValidityState per sensor at each sample. ages: ages of
-    the poses that a robot would follow, s. last_poses: the last pose (7,) of each name.
+    datagram by address, bytes. samples: poses (7,) every SAMPLE_S, by the sender's names, m and wxyz. states: a
+    ValidityState per sensor at each sample. ages: of the poses that a robot would follow, s.
     """
 
     stream: LiveStream
@@ -338,7 +337,7 @@ MOVED_M, MOVED_RAD = 0.05, 0.15
 """Least motion of the trunk for a finding."""
 STEP_M, STEP_RAD = 0.001, 0.002
 LEAST_STEPS = 10
-"""Fewest samples in which the trunk moved: a reset of the trackers moves the whole body at once."""
+"""Fewest samples in which the trunk moved, more than in a reset of the trackers."""
 LEAST_SAMPLES = 20
 _CARRIERS = {"chest": ("wrist", "elbow"), "pelvis": ("ankle", "knee")}
 """Parts of the trunk, and the limbs on them."""

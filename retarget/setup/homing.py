@@ -20,7 +20,7 @@ STILL_RAD = 0.01  # most that a joint may move during a reading
 TRIES = 5
 """Readings of a robot that moves before homing fails."""
 FAR = 0.35
-"""Largest plausible distance from the profile's zero, rad. A farther joint was not placed, or is another one."""
+"""Largest plausible distance from the profile's zero, rad."""
 FULL_TURN = 2.0 * np.pi
 
 
@@ -74,9 +74,8 @@ def home(
     """Read the servos of an open bus while the operator holds the robot in `posture` (n,), rad, called `name`.
 
     joint_map: with the zero ticks of the profile. confirm(question, enter): True if the operator agrees; else homing
-    ends with None. enter: True if ENTER alone is a yes, which it is not for torque off. Torque is off afterwards, if
-    the operator agreed to that. Raises BusError if torque stays on or a servo is silent, HardwareError if the robot is
-    never still.
+    ends with None. enter: True if ENTER alone is a yes. Torque stays off. Raises BusError if torque cannot be switched
+    off or a servo is silent, HardwareError if the robot is never still.
     """
     if not _limp(bus, confirm, notify):
         return None
@@ -105,7 +104,7 @@ def home_each(
 
     choose(question): "" reads the joint, "s" skips it, "e" ends. A joint that moves, is silent, or is far from the
     profile's zero (without `force`) is tried again. `chosen` of the result: the joints that were read. Returns None if
-    there are none. Raises BusError if torque stays on.
+    there are none. Raises BusError if torque cannot be switched off.
     """
     if not _limp(bus, confirm, notify):
         return None

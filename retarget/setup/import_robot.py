@@ -51,10 +51,9 @@ def read_robot(path: Path, *, no_meshes: bool = False) -> UnknownRobot:
 
 @dataclass(frozen=True)
 class Imported:
-    """A written folder with its profile. problems: sentences of `retarget check`; a run can begin if there are none.
-    margin: distance of the centre of mass from the edge of the soles, m, None without soles or with problems. rest: its
-    rest in words. wide: questioned ranges of joints, in words. drafts: number of lines that are marked as drafts.
-    again: True if the body file must be corrected first."""
+    """A written folder with its profile. problems: of `retarget check`; a run can begin if there are none. margin: of
+    the centre of mass inside of the soles, m, None without soles or with problems. rest, wide: rest and questioned
+    ranges in words. drafts: number of marked lines. again: True if the body file must be corrected first."""
 
     folder: Path
     draft: Draft

@@ -110,8 +110,7 @@ def completed(proposed: PartLinks, given: PartLinks, tree: Tree) -> PartLinks:
 
 
 def _bend(tree: Tree, path: list[int], other: list[int], end: str) -> str | None:
-    """The elbow or knee of a limb with a given end. path, other: nodes from the base, of the limb and of that of the
-    other side."""
+    """The elbow or knee of a limb with a given end. path, other: nodes of both limbs from the base."""
     nodes, side = [node for node in path if node not in (BASE, *other)], end[0]
     if not end.endswith("sole"):
         return _arm(tree, nodes, side, NORMALS[0])[f"{side}_elbow"]
@@ -136,7 +135,7 @@ def _counterpart(link: str | None, proposed: PartLinks, part: str, tree: Tree) -
 # The proposal: limbs are pairs of branches, by names or as mirror images. Names decide first between arms and legs.
 
 TOLERANCE = 0.03
-"""Largest distance of a mirrored part from its counterpart, as a share of the robot's size."""
+"""Tolerance of mirrored parts, as a share of the robot's size."""
 SIDES = {"l": 1, "left": 1, "r": -1, "right": -1}
 """Words of names: 1 for the left, -1 for the right."""
 ARM_WORDS = frozenset(words_of("arm sho shoulder upperarm el elbow forearm wrist hand palm gripper finger claw"))
@@ -149,13 +148,13 @@ HIPS = 0.6
 LOW = 0.1
 """Highest place of the ends of feet, as a share of the robot's height."""
 FINGERS = 0.3
-"""Longest fingers, as a share of a limb's length. The limb ends before them."""
+"""Longest fingers, as a share of a limb's length."""
 LEAST_JOINTS = 2
 """Fewest joints of a limb."""
 ACROSS = 0.8
-"""Least cosine between the left of the robot and an axis of hip, knee or ankle pitch."""
+"""Least cosine between the left and a pitch axis of a leg."""
 LEVER = 0.2
-"""Shortest lever arm of an elbow, as a share of an arm's length. Shorter ones are twists or wrists."""
+"""Shortest lever of an elbow, as a share of an arm's length."""
 
 Pair = tuple[int, int]
 """First nodes of two limbs, the one farther along the normal first."""
@@ -283,8 +282,8 @@ def _span(tree: Tree, branch: int) -> float:
 
 
 def _points_left(tree: Tree, normal: FloatArray, legs: Pair | None, arms: Pair | None) -> float:
-    """Return a number above 0 if the normal points to the left of the robot: by names, by feet that are longer ahead of
-    the ankle, and by hands ahead of the shoulders."""
+    """Return a number above 0 if the normal points to the left: by names, by feet that are longer ahead of the ankle,
+    and by hands ahead of the shoulders."""
     ahead, total = np.cross(normal, UP), 0.0
     for pair in (legs, arms):
         if pair is not None:
@@ -331,7 +330,7 @@ def _arm(tree: Tree, nodes: list[int], side: str, normal: FloatArray) -> dict[st
 
 
 def _head(tree: Tree, pairs: list[Pair], chest: int, pelvis: int, normal: FloatArray) -> str | None:
-    """The last link of the branch of the trunk that is named for a head, else that reaches highest in the middle."""
+    """The last link of the branch that is named for a head, else that reaches highest in the middle."""
     limbs = {first for pair in pairs for first in pair}
     trunk = {*tree.path(chest), *tree.path(pelvis)}
     branches = [n for n, node in enumerate(tree.nodes) if node.parent in trunk and n not in trunk and n not in limbs]

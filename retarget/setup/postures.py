@@ -38,17 +38,16 @@ def leg_length(posed: Posed, side: str = "l") -> float:
 
 @dataclass(frozen=True)
 class FoundPosture:
-    """A posture. angles: rad by joint. stands: True if soles are flat, the centre of mass is over their middle, and the
-    legs have the desired length."""
+    """A posture, rad by joint. stands: True if it is within FLAT and OVER."""
 
     angles: dict[str, float]
     stands: bool
 
 
 def find_posture(posed: Posed, *, spread: float, ahead: float, bend: float, share: float | None) -> FoundPosture:
-    """Find a posture with an upright trunk by least squares. Upper arms hang, `spread` to the side and `ahead` to the
-    front, with elbows bent to the front by `bend`, rad. share: desired distance of hip and ankle as a share of
-    `leg_length`, on flat soles with the centre of mass over their middle; None leaves the legs at 0."""
+    """Find a posture with an upright trunk by least squares. Arms hang, `spread` to the side and `ahead` to the front,
+    with elbows bent by `bend`, rad. share: desired distance of hip and ankle as a share of `leg_length`, on flat soles
+    with the centre of mass over their middle; None leaves the legs at 0."""
     anatomy, zero = posed.anatomy, posed.place({}).positions
     arms, legs = anatomy.arms, anatomy.legs if share is not None else {}
     weights, start = _joints(posed, legs)
@@ -140,8 +139,8 @@ Touching = Callable[[Angles, Angles], frozenset[frozenset[str]]]
 
 
 def find_postures(posed: Posed, *, soles: bool, touching: Touching) -> dict[str, FoundPosture]:
-    """Find the four postures of a drafted profile. Arms are as near to the trunk, and the crouch at rest as deep, as is
-    possible without contact. soles: True if the robot stands."""
+    """Find the four postures of a profile. Arms are as near to the trunk, and the rest crouch as deep, as is possible
+    without contact. soles: True if the robot stands."""
     best, least = dict[str, FoundPosture](), np.inf
     for spread in SPREADS if posed.anatomy.arms else SPREADS[:1]:
         found = {

@@ -85,11 +85,8 @@ class MeshFiles:
         self.problems: list[Problem] = []
 
     def find(self, name: str) -> Path | None:
-        """Return the file of a name, None if there is none or the name is invalid.
-
-        Other places than that in the name are the body's folder and its package, by the longest match of the end of the
-        path in any case. A file beside a COLLADA file that MuJoCo reads replaces it.
-        """
+        """Return the file of a name, else the longest match of the end of its path in the body's folder or package, in
+        any case; None if there is none. A file that MuJoCo reads is preferred to a COLLADA file beside it."""
         try:
             return self._find(name)
         except (OSError, ValueError):

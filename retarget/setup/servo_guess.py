@@ -1,4 +1,4 @@
-"""Drafts of servos: a model for the torque of the body file, with limits and speeds that it can reach."""
+"""Drafts of servos: models, limits and speeds."""
 
 import math
 import re
@@ -19,7 +19,7 @@ from retarget.setup.frames import Anatomy
 from retarget.setup.tree import Tree
 
 SPARE_SPEED = 0.9
-"""Share of the no-load speed that is used, so that the servo keeps some torque."""
+"""Share of the no-load speed, so that some torque is left."""
 SPARE_TORQUE = 0.5
 """Share of the stall torque that accelerates. The rest is for gravity."""
 ACCELERATIONS = (8.0, 40.0)
@@ -27,7 +27,7 @@ ACCELERATIONS = (8.0, 40.0)
 IN_LEGS = 30.0
 """Greatest acceleration in legs and trunk, rad/s^2, since they carry more than hangs on them."""
 SAME_MODEL = 1.35
-"""Largest ratio of a stated torque to a model's stall torque that identifies the model."""
+"""Largest ratio of torques that identifies a model."""
 UNKNOWN = "XM430-W350"
 NO_TORQUE = "the body states no torque"
 PLACEHOLDER_NM = 1000.0
@@ -44,8 +44,8 @@ END_TICKS = 4
 
 @dataclass(frozen=True)
 class ServoDraft:
-    """A drafted servo. why: reason of the model. note: change of the joint, for a comment. numbered: True if the id is
-    the number in its name, else it is its place in the body."""
+    """A drafted servo. why: reason of the model. note: change of the joint. numbered: True if the id is the number in
+    its name."""
 
     joint: str
     entry: Servo
@@ -68,11 +68,9 @@ def models_in_names(names: Iterable[str]) -> list[ServoModel]:
 
 
 def guess_servos(body: BodyDraft, tree: Tree, anatomy: Anatomy, *, model: str = "") -> tuple[ServoDraft, ...]:
-    """Draft a servo for each hinge. Ids are the numbers in the names of the joints, else places in the body, from 1.
-    model: of all servos; "" to choose it by the names of meshes and links, else by torque and speed.
-
-    Raises HardwareError for an unknown model, InputError for limits that no servo reaches.
-    """
+    """Draft a servo for each hinge. Ids are the numbers in the names of the joints, else places in the body.
+    model: of all servos; "" to choose by the names of meshes and links, else by torque and speed. Raises HardwareError
+    for an unknown model, InputError for limits that no servo reaches."""
     torques, speeds = _torques(body.model), body.speeds
     stated = [torque for torque in torques.values() if torque > 0.0]
     named = [find_model(model)] if model else models_in_names([*body.hints, *tree.links])
@@ -155,8 +153,7 @@ def _torques(model: Any) -> dict[str, float]:
 
 
 def _inertias(model: Any) -> dict[str, float]:
-    """Return the inertia, kg m^2, about each hinge in the zero pose, with the armature: the diagonal of the joint-space
-    inertia matrix."""
+    """Inertia about each hinge in the zero pose, kg m^2: the diagonal of the joint-space inertia matrix."""
     import mujoco
 
     data, matrix = mujoco.MjData(model), np.zeros((model.nv, model.nv))
@@ -166,7 +163,7 @@ def _inertias(model: Any) -> dict[str, float]:
 
 
 def _limits(joint: str, lower: float, upper: float, model: ServoModel) -> tuple[tuple[float, float], str]:
-    """Return the part of the joint's range, rad, inside of the servo's travel, with 0 at its middle, and a note."""
+    """Clip the joint's range, rad, to the servo's travel, with 0 at its middle. Also returns a note."""
     half = 0.5 * model.travel - END_TICKS * model.tick_rad
     low, high = max(lower, -half), min(upper, half)
     if not (math.isfinite(lower) and math.isfinite(upper)):

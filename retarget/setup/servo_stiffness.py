@@ -1,12 +1,11 @@
 """The stiffness of a servo, measured: a joint is held at several goals under a known load, and its shaft stays behind.
 
-The load is the weight of what hangs on the joint, by the body file, and of an object that hangs on the robot. A shaft
-that holds a torque is behind its goal by torque / stiffness, by an offset of its zero, and by its friction, which
-changes sign with the direction from which it came:
+The load is the weight on the joint, by the body file, and of an object that hangs on the robot. The sign of friction
+changes with the side from which the shaft came:
 
     goal - angle = torque / stiffness + offset + side x friction
 
-So every goal is held twice, from below and from above, and the three unknowns are the least-squares solution.
+Every goal is held from below and from above, and the three unknowns are the least-squares solution.
 """
 
 from dataclasses import dataclass
@@ -23,9 +22,9 @@ from retarget.model.robot import RobotBody
 from retarget.types import FloatArray, IntArray
 
 LEVELS = 7
-"""Goals at which the joint is held, each from both sides: more than four equations per unknown."""
+"""Goals at which the joint is held, each from both sides."""
 HOLD_S = 2.0
-"""Time for which a goal is held, s. The shaft is read in the second half, when it has settled."""
+"""Time for which a goal is held, s. The shaft settles in the first half."""
 TURN_RAD = 0.8
 """Largest turn to either side of `stand`, rad: the weight of a limb changes most within it."""
 STEP_RAD = 0.05
@@ -37,7 +36,7 @@ SHARE = 0.3
 LEAST_TICKS = 12.0
 """Least change of deflection that is worth a measurement, ticks: a tenth of it is the rounding of the encoder."""
 STANDARD_ERRORS = 2.0
-"""Half width of the interval of the result, in standard errors: 95 % of all measurements are within."""
+"""Half width of the 95 % interval of the result, in standard errors."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Hung:
 @dataclass(frozen=True, eq=False)
 class HeldGoals:
     """The trajectory of one joint, with all others in `stand`. column, servo: of the joint. goals (T, n): rad, servo
-    order, a row per tick. torques: least and largest load of the joint, N m."""
+    order. torques: least and largest load, N m."""
 
     column: int
     servo: ServoSpec
@@ -77,10 +76,8 @@ class MeasuredStiffness:
 
 
 def held_goals(robot: RobotBody, joint: str, hung: Hung | None, *, dt: float) -> HeldGoals:
-    """Return the goals of a measurement of one joint of a robot whose root is fixed upright. dt: tick, s.
-
-    Raises UsageError for a joint that cannot be measured, or whose load changes too little.
-    """
+    """Return the goals of a measurement of one joint, with an upright root. dt: tick, s. Raises UsageError for a joint
+    that cannot be measured, or whose load changes too little."""
     column, servo = _column(robot, joint)
     stand = robot.posture(robot.profile.postures.stand)
     low, high = _clear_range(robot, column, stand)

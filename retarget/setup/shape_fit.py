@@ -17,7 +17,7 @@ from retarget.types import FloatArray
 MIN_RADIUS = 1e-4
 """Smallest radius, and half size of a box, m."""
 DIGITS = 5
-"""Decimals of lengths in m. Shapes are rounded outwards to them, so that the written shape still encloses."""
+"""Decimals of lengths in m, to which shapes are rounded outwards."""
 ROUNDED = 1e-3
 """Share of a volume that rounding may change."""
 WIDER = (1.0, 1.05, 1.12, 1.25)
@@ -28,8 +28,8 @@ WIDER = (1.0, 1.05, 1.12, 1.25)
 class LinkShape:
     """A capsule (a ball if it has no length) or a box around a link, in the frame of the link.
 
-    link, link_name: index and name. size (3,), pos (3,), m, quat (4,), wxyz: as in MuJoCo. ratio: its volume over that
-    of the geometry's convex hull, None for a flat hull. around_mesh: True if a mesh is part of the geometry.
+    size (3,), pos (3,), m, quat (4,), wxyz: as in MuJoCo. ratio: its volume over that of the geometry's convex hull,
+    None for a flat hull. around_mesh: True if a mesh is part of the geometry.
     """
 
     link: int
@@ -62,8 +62,7 @@ class LinkShape:
 def enclosing_capsule(centres: FloatArray, radii: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Return start (3,), end (3,) and radius, m, of a small capsule around balls, centres (k, 3) and radii (k,), m.
 
-    It is the smallest of those along the frame's axes, `axes` (j, 3) and the principal axes, each through the middle
-    of the projection along the axis.
+    It is the smallest of those along the frame's axes, `axes` (j, 3) and the principal axes.
     """
     found = []
     for u in (*np.eye(3), *principal_axes(centres), *axes):
@@ -105,7 +104,7 @@ def distances_to_segment(points: FloatArray, start: FloatArray, end: FloatArray)
 
 def enclosing_box(geometry: "LinkGeometry") -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return size (3,), position (3,), m, and quat (4,) of the smallest box along the axes of the link, of its geoms,
-    or the principal ones, the earlier one if they are as large. It is rounded outwards to DIGITS."""
+    or the principal ones, rounded outwards to DIGITS."""
     centres, radii = geometry.centres, geometry.radii[:, None]
     principal = principal_axes(centres).T
     boxes = []
@@ -138,10 +137,8 @@ def fitted_shape(geometry: "LinkGeometry") -> LinkShape:
 
 
 def fitted_shapes(model: Any, *, source: str) -> tuple[LinkShape, ...]:
-    """Fit a shape around each link of a `mujoco.MjModel` with geometry, in the model's order. source: for messages.
-
-    Raises InputError if no link has geometry, more than MAX_LINKS have, or a name cannot be used.
-    """
+    """Fit a shape around each link of a `mujoco.MjModel` with geometry. source: for messages. Raises InputError if no
+    link has geometry, more than MAX_LINKS have, or a name is invalid."""
     geometries = link_geometries(model)
     nameless = [geometry for geometry in geometries if not NAME.fullmatch(geometry.name)]
     if not geometries:
@@ -160,13 +157,13 @@ def fitted_shapes(model: Any, *, source: str) -> tuple[LinkShape, ...]:
     return tuple(fitted_shape(geometry) for geometry in geometries)
 
 
-# The geometry of each link as balls, whose convex hull encloses it. The hull is exact for spheres, capsules, boxes and
-# meshes, and larger by 0.1 % for cylinders and 0.5 % for ellipsoids.
+# The geometry of each link as balls. Their convex hull is exact for spheres, capsules, boxes and meshes, and larger by
+# 0.1 % for cylinders and 0.5 % for ellipsoids.
 
 RIM_POINTS = 64
 BALL_POINTS = 800
 MOST_AXES = 50
-"""Orientations of geoms that are tried for the shape of a link. Each takes a millisecond and more."""
+"""Most orientations of geoms that are tried, a millisecond each."""
 MAX_LINKS = 200
 """Most observers of a profile."""
 NAME = re.compile(r"[^\s/\\]{1,80}")
@@ -176,7 +173,7 @@ NAME = re.compile(r"[^\s/\\]{1,80}")
 @dataclass(frozen=True, eq=False)
 class LinkGeometry:
     """Balls of a link, centres (k, 3) and radii (k,), m, and axes (j, 3, 3): distinct orientations of its geoms, axes
-    as columns, at most MOST_AXES. link, name: index and name. around_mesh: True if one of the geoms is a mesh."""
+    as columns. around_mesh: True if one of the geoms is a mesh."""
 
     link: int
     name: str
@@ -252,8 +249,7 @@ def convex_hull(points: FloatArray) -> ConvexHull | None:
 
 
 def hull_of_balls(centres: FloatArray, radii: FloatArray, ball: FloatArray) -> ConvexHull | None:
-    """Convex hull of balls, centres (k, 3) and radii (k,), each sampled along unit vectors `ball` (n, 3); None if it is
-    flat."""
+    """Convex hull of balls, centres (k, 3) and radii (k,), sampled along unit vectors `ball` (n, 3), None if flat."""
     round_ones = [c + r * ball for c, r in zip(centres, radii, strict=True) if r > 0.0]
     return convex_hull(np.concatenate([centres[radii == 0.0], *round_ones]))
 

@@ -29,9 +29,8 @@ def words_of(name: str) -> list[str]:
 class HingeNode:
     """A hinge and the links that it carries rigidly, or the base, in the world of the zero pose, m.
 
-    joint: name, empty for the base. names: of the links, the moved one first. parent: index of a node, -1 for the base.
-    axis, anchor (3,): direction and a point of its axis. lower, upper: rad. centres (k, 3), radii (k,): balls whose
-    hull is the geometry.
+    joint: "" for the base. names: of the links, the moved one first. parent: -1 for the base. axis, anchor (3,):
+    direction and a point of its axis. lower, upper: rad. centres (k, 3), radii (k,): see `LinkGeometry`.
     """
 
     joint: str
@@ -100,10 +99,8 @@ class Tree:
 
 
 def read_tree(model: Any, *, source: str = "") -> Tree:
-    """Return the tree of a `mujoco.MjModel` in its zero pose. source: for messages.
-
-    Raises InputError without hinges, with more than MAX_JOINTS, or without a base.
-    """
+    """Return the tree of a `mujoco.MjModel` in its zero pose. source: for messages. Raises InputError without a base,
+    without hinges, or with more than MAX_JOINTS."""
     import mujoco
 
     data = mujoco.MjData(model)
@@ -167,15 +164,14 @@ MIN_AREA = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class FlatUnderside:
-    """The underside of a foot in the world of the zero pose. up (3,): its normal, into the foot. points (k, 3), m: that
-    touch the ground."""
+    """The underside of a foot in the zero pose. up (3,): normal into the foot. points (k, 3), m: on the ground."""
 
     up: FloatArray
     points: FloatArray
 
 
 def flat_underside(tree: Tree, nodes: Sequence[int]) -> FlatUnderside | None:
-    """Return the largest flat underside of these nodes together; None if there is none."""
+    """Return the largest flat underside of these nodes, None if there is none."""
     centres = np.concatenate([tree.nodes[node].centres for node in nodes])
     radii = np.concatenate([tree.nodes[node].radii for node in nodes])
     down = _facing_down(centres, radii) if len(centres) else None

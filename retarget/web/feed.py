@@ -1,7 +1,7 @@
 """The run's end of a page: ticks go out, and requests of the operator come in.
 
-Another process serves the page. The sockets between them never block: a message that is not taken at once is dropped,
-so that a page that is slow, stopped or dead costs a tick nothing.
+The page is served by another process. Sockets to it never block, and drop messages that are not taken at once, so that
+no page delays a tick.
 """
 
 import json
@@ -64,10 +64,9 @@ MOST_MESSAGES = 1024
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of the server. listen: serve on every interface, with HTTPS. port: of TCP, 0 for any. robot: name or
-    file of its profile. performs: a browser may be the performer, and pause the robot; else it can only stop it.
-    dead_man: the robot moves only while it is held. stick: pads make it walk. poses: file descriptor of the socket for
-    poses, -1 for none."""
+    """Settings of the server. listen: on every interface, with HTTPS. port: 0 for any. robot: name or file of its
+    profile. performs: a browser may be the performer, and pause the robot. dead_man: the robot moves only while it is
+    held. stick: pads make it walk. poses: file descriptor of the socket for poses, -1 for none."""
 
     listen: bool
     port: int
@@ -80,9 +79,8 @@ class Settings:
 
 @dataclass(frozen=True)
 class PageSetup:
-    """The bodies of a page, once the performer is known. robot: name or file of the profile, None for a human alone.
-    root: its mounting, None for that of its profile. scene: file or name. sensors: names, of the performer. landmarks:
-    names, of the robot. servos_measure: rows have temperatures and currents."""
+    """The bodies of a page. robot: name or file of the profile, None for a human alone. root: None for that of the
+    profile. scene: file or name. sensors, landmarks: names. servos_measure: rows have temperatures and currents."""
 
     robot: str | None
     root: Mounting | None
@@ -105,8 +103,8 @@ ROW = b"\0"
 
 
 def packed(message: PageSetup | RunTable | Note | str) -> bytes:
-    """Encode a message to the process of the page. A text is a state. A row is a line of JSON, with its words and the
-    types and shapes of its arrays, followed by their bytes."""
+    """Encode a message. A text is a state. A row is a line of JSON, with its words and the types and shapes of its
+    arrays, followed by their bytes."""
     if not isinstance(message, RunTable):
         return json.dumps(message if isinstance(message, str) else vars(message)).encode()
     known = message.known
@@ -185,7 +183,7 @@ class ViewFeed:
         return self._stop
 
     def messages(self) -> list[str]:
-        """Return the other messages of the page since the last call, oldest first, at most MOST_MESSAGES."""
+        """Return the other messages of the page since the last call, oldest first."""
         self._poll()
         messages = [*self._messages]
         self._messages.clear()
@@ -215,7 +213,7 @@ class ViewFeed:
                 self._show(*self._last)
 
     def answer(self, *messages: PageSetup) -> str:
-        """Send messages, and wait for the answer of the page. Raises ConfigError if it refuses."""
+        """Send messages, and wait for the answer. Raises ConfigError if the page refuses."""
         self._link.settimeout(START_S)
         try:
             for message in messages:
@@ -258,8 +256,7 @@ def needing_websockets() -> Iterator[None]:
 
 @contextmanager
 def open_feed(settings: Settings) -> Iterator[ViewFeed]:
-    """Serve the page of a run. At the end it shows how the run ended, and its process is waited for or killed. Raises
-    ConfigError if the page does not open."""
+    """Serve the page of a run, which at last shows how the run ended. Raises ConfigError if it does not open."""
     with needing_websockets():
         import websockets  # noqa: F401  (the page's process needs it)
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)

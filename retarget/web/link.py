@@ -12,24 +12,22 @@ from retarget.sources.streams.stream_frame import MAX_DATAGRAM, Dropped
 from retarget.web.feed import BUFFER_BYTES, Settings, ViewFeed, open_feed
 
 HEADER = struct.Struct("<dI")
-"""Precedes each frame of poses: time of arrival, s of the monotonic clock, and number of the performer."""
+"""Precedes each frame of poses: time of arrival, s, and number of the performer."""
 PAUSE, GO_ON = "pause", "go on"
 GRIP, RELEASE, STICK, HEALTH, NOTE = "grip ", "release ", "stick ", "health ", "note "
-"""Messages of the page to the run. The last five are followed by the number of a dead-man control (GRIP and RELEASE),
-three shares (-1 to 1) of the fastest walk, the health of a browser as JSON, and a sentence."""
+"""Messages of the page to the run. The number of a dead-man control follows GRIP and RELEASE, three shares (-1 to 1) of
+the fastest walk follow STICK, JSON follows HEALTH, and a sentence NOTE."""
 
 
 class PoseReceiver:
-    """Frames of poses from the process of the page. Implements `retarget.live.admission.Receiver`.
-
-    The address of a performer is 127.0.0.1 with its number as the port.
-    """
+    """Frames of poses from the process of the page, a `retarget.live.admission.Receiver`. The port of an address is the
+    number of the performer."""
 
     finished = False
     """A page may always send again."""
 
     def __init__(self, link: socket.socket) -> None:
-        """link: a socket that keeps message boundaries (SOCK_SEQPACKET)."""
+        """link: of type SOCK_SEQPACKET."""
         self.dropped = Dropped()
         self._link = link
         self._link.setblocking(False)

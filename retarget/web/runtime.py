@@ -64,8 +64,8 @@ def runtime_folder() -> Path | None:
 def install(archives: Sequence[Path] | None, notify: Callable[[str], object]) -> Path:
     """Install the runtime in the cache, whole or not at all, and return its folder.
 
-    archives: the two packages as `npm pack` writes them (.tgz), in any order; None fetches them with the npm client.
-    notify: receives progress. Raises UsageError without npm or network, InputError for other archives.
+    archives: both packages of `npm pack` (.tgz); None fetches them with the npm client. notify: receives progress.
+    Raises UsageError without npm or network, InputError for other archives.
     """
     if archives is None:
         with tempfile.TemporaryDirectory() as folder:

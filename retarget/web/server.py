@@ -4,15 +4,14 @@ Usage: `python -m retarget.web.server FD SETTINGS`. FD is the other end of the s
 SETTINGS is JSON of `retarget.web.feed.Settings`.
 
 Messages are JSON objects with a `type`. The page sends `hello` (`input` and `id`), `stop`, `pause`, `go on`, `health`,
-`ping`, and ten times a second `held` (true or false) and `stick` (`forward`, `left` and `turn`, each -1 to 1). Frames
-have no type. They hold poses as in docs/live.md, or 33 landmarks of a camera:
+`ping`, and ten times a second `held` and `stick` (`forward`, `left` and `turn`, each -1 to 1). The server sends
+`welcome` or `refused`, `note`, `paused` (`why`, or ""), `scene`, `stop`, `pong`, and 25 times a second `state`, see
+`packed_state`. Frames have no type, and go to the run unchanged: poses as in docs/live.md, or landmarks of a camera,
 `{"axes": "camera", "time": 12.345, "frame": 741, "size": [640, 480], "landmarks": [[u, v, x, y, z, visibility], ...]}`.
 u and v are shares of the picture's width and height. x, y and z are metres from the hips: to the right of the picture,
-down, and away from the camera. The server sends `welcome` or `refused`, `note`, `paused` (`why`, "" if it is not),
-`scene` (triangles of each link), `stop`, `pong`, and 25 times a second `state`, see `packed_state`.
+down, and away from the camera.
 
-Frames of the one performer go to the run byte for byte. Any page may stop the robot. A page of `web://` may pause it,
-and one of `--stick page` makes it walk. Nothing is served without the key in the address.
+Any page may stop the robot. A page of `web://` may pause it, and one of `--stick page` makes it walk.
 """
 
 import asyncio
@@ -75,21 +74,21 @@ MOST_HOLDS = 64
 MOST_CLIENTS = 8
 """Browsers at a time."""
 MOST_PER_S, BURST = 150.0, 300.0
-"""Messages of a browser: mean rate, 1/s (a headset at 90 Hz, and `health`), and at once (two seconds' backlog)."""
+"""Messages of a browser: mean rate, 1/s (a headset at 90 Hz, and `health`) and at once (two seconds)."""
 HELLO_S = 2.0
 """Longest wait for `hello`, s."""
 HEARTBEAT_S = 0.1
 """Time between repeated STOP requests to the run, s."""
 SLOW_BYTES = 1 << 18
-"""Bytes waiting for a browser from which it gets no more messages: some seconds of rows."""
+"""Backlog of a browser that gets no more messages, bytes: some seconds of rows."""
 MOST_SHOWN = 200
 """Longest text of a page that is shown, characters."""
 REPORTED_AGAIN_S, MOST_REPORTED = 10.0, 50
-"""Time before the terminal shows a sentence again, s, and the number of sentences that are told apart."""
+"""Time before the terminal repeats a sentence, s, and most known sentences."""
 STEERS_S = 0.3
-"""A page that has not repeated its `stick` for so long no longer steers, s."""
+"""Time after which a `stick` expires, s."""
 LOST_S = 0.5
-"""Silence of a performer after which the robot is paused, s. It has held since 0.2 s."""
+"""Silence of a performer that pauses the robot, s. It holds after 0.2 s."""
 PAGE_PAUSE, LOST = "it was asked for on a page", "the performer was lost: page, link or camera"
 """Reasons of a pause."""
 OUT_OF_REACH_M, SETTLED_S, SETTLED_M = 0.03, 0.5, 0.02
@@ -101,8 +100,8 @@ LAST_SHOWN_S = 1.5
 
 @dataclass(eq=False)
 class Client:
-    """A browser. identity: drawn by its page. performs: "camera", "headset" or, of a spectator, "". sent: time of its
-    last frame, s. room: messages that it may send at once, as of `since`, s."""
+    """A browser. identity: drawn by its page. performs: "camera", "headset" or "". sent: time of its last frame, s.
+    room: messages that it may send at once, as of `since`, s."""
 
     socket: ServerConnection
     room: float = BURST
@@ -121,7 +120,7 @@ OTHER_PAGE = "the page sends a message that its server does not know: load it an
 
 @dataclass(eq=False)
 class PageServer:
-    """Relays poses to the run, and messages of the run to every browser. feed, poses: sockets to the run."""
+    """Relays poses to the run, and its messages to every browser. feed, poses: sockets to the run."""
 
     settings: Settings
     feed: socket.socket
@@ -129,26 +128,26 @@ class PageServer:
     clock: Clock
     clients: dict[Client, None] = field(default_factory=dict)
     newest: dict[str, str | bytes] = field(default_factory=dict)
-    """The last message of each type to all browsers. A new browser gets them, too."""
+    """The last message of each type, for new browsers."""
     ended: asyncio.Event = field(default_factory=asyncio.Event)
     _known: dict[str, int] = field(default_factory=dict)
-    """Numbers of performers, by identity."""
+    """Identity -> number of the performer."""
     _cast: Cast | None = None
     _last: RunTable | None = None
     _latest: tuple[str, str] | None = None
     """Identity and input of the newest performer."""
     _measured: tuple[str, str] | None = None
-    """Identity and input of the performer who was measured, and whom the robot follows."""
+    """Identity and input of the measured performer."""
     _holds: dict[str, int] = field(default_factory=dict)
-    """Numbers of the pages that have used a dead-man control, by identity."""
+    """Identity -> number of its dead-man control."""
     _steers: tuple[Client | None, float] = None, -np.inf
-    """The browser that steers, and the time at which its request expires, s."""
+    """The browser that steers, and until when, s."""
     _stop: bool = False
     _reported: dict[str, float] = field(default_factory=dict)
-    """Times at which sentences were shown in the terminal, s."""
+    """Sentence -> time in the terminal, s."""
     _round_trip_ms: float = 0.0
     _moved: deque[tuple[float, FloatArray]] = field(default_factory=deque)
-    """Times, s, and landmarks of the robot in the rows of the last SETTLED_S."""
+    """Times, s, and landmarks of the last SETTLED_S."""
 
     # Browsers.
 
@@ -201,8 +200,8 @@ class PageServer:
             await client.socket.send(text)
 
     def _admit(self, identity: str, given: str) -> None:
-        """Raise _ClientRefused if another performer is here, or another performer or input was measured. A page of the
-        same identity, reloaded or duplicated, replaces the older one."""
+        """Raise _ClientRefused if there is, or was measured, another performer or input. A page of the same identity
+        replaces the older one."""
         if any(one.performs and one.identity != identity for one in self.clients):
             raise _ClientRefused("another performer is here: one at a time. This page can look after the robot instead")
         if self._measured not in (None, (identity, given)):
@@ -216,8 +215,7 @@ class PageServer:
         self._known.setdefault(identity, len(self._known) + 1)
 
     def _lost(self, client: Client) -> None:
-        """Pause the robot, since no frames come. A headset with a grip needs no pause: the robot holds until it is
-        gripped again."""
+        """Pause the robot. A headset with a grip needs no pause: the robot holds until it is gripped again."""
         client.sent = np.inf
         if self._measured is not None and not (client.performs == "headset" and client.identity in self._holds):
             self._pause(LOST)
@@ -263,8 +261,7 @@ class PageServer:
         self._send_all("paused", {"why": why})
 
     def hold(self, client: Client, content: dict[str, Any]) -> None:
-        """Relay the state of a dead-man control. From its first use on, the robot moves only while all of them are
-        held."""
+        """Relay the state of a dead-man control. The robot moves only while all used ones are held."""
         if client.identity not in self._holds and len(self._holds) >= MOST_HOLDS:
             raise _ClientRefused(
                 f"more than {MOST_HOLDS} pages have used a dead-man control: end the run, and start it anew"
@@ -273,7 +270,7 @@ class PageServer:
         self._send_run(f"{GRIP if content.get('held') is True else RELEASE}{number}")
 
     def steer(self, client: Client, content: dict[str, Any]) -> None:
-        """Relay the walking speed that a pad requests. One page at a time steers, until it lets go."""
+        """Relay the walking speed of a pad. One page at a time steers, until it lets go."""
         shares = [content.get(name) for name in ("forward", "left", "turn")]
         if not all(type(one) in (int, float) and abs(one) <= 1.0 for one in shares):  # type: ignore[arg-type]
             raise _ClientRefused(OTHER_PAGE)
@@ -288,7 +285,7 @@ class PageServer:
         _send(client, json.dumps({"type": "pong", "t": content.get("t")}))
 
     def health(self, client: Client, content: dict[str, Any]) -> None:
-        """Show a new trouble of a page in the terminal, and relay the health of a performer's page to the run."""
+        """Show a new trouble in the terminal, and relay the health of a performer's page."""
         if (trouble := _plain(content.get("trouble"))) and isinstance(trouble, str):
             self.notify(f"the page: {trouble}")
         if not client.performs:
@@ -307,7 +304,7 @@ class PageServer:
             await asyncio.sleep(HEARTBEAT_S)
 
     def notify(self, text: str) -> None:
-        """Show a sentence in the terminal of the run, the same one at most every REPORTED_AGAIN_S."""
+        """Show a sentence in the terminal, the same one at most every REPORTED_AGAIN_S."""
         now = self.clock.now()
         if now - self._reported.get(text, -np.inf) > REPORTED_AGAIN_S:
             self._reported = {**self._reported, text: now} if len(self._reported) < MOST_REPORTED else {text: now}
@@ -419,7 +416,7 @@ LARGEST = 1e6
 
 
 def _plain(value: object) -> float | str | bool | None:
-    """Return a number in range, a short printable text or a truth value; None for anything else."""
+    """Return a number in range, a short printable text or a bool, else None."""
     if isinstance(value, bool):
         return value
     if isinstance(value, str):
@@ -472,8 +469,8 @@ def _send(client: Client, message: str | bytes) -> None:
 
 
 def packed_state(state: dict[str, Any], tracks: Iterable[FloatArray]) -> bytes:
-    """Encode a message with its tracks, all little-endian: the size of the JSON as 32 bits, a multiple of four bytes;
-    the JSON; the tracks that it names as 32-bit floats. NaN is unknown."""
+    """Encode a message, little-endian: the size of the JSON, 32 bits, a multiple of four; the JSON; the tracks that it
+    names, 32-bit floats. NaN is unknown."""
     text = json.dumps(state).encode()
     text += b" " * (-len(text) % 4)
     return struct.pack("<I", len(text)) + text + b"".join(one.astype("<f4").tobytes() for one in tracks)
@@ -488,7 +485,7 @@ def robot_name(robot: str) -> str:
 
 
 def cast_of(setup: PageSetup) -> Cast:
-    """Load robot and performer of a run. Raises RetargetError for a robot or scene that cannot be read."""
+    """Load robot and performer of a run. Raises RetargetError."""
     robot = None if setup.robot is None else load_robot(setup.robot, root=setup.root)
     human = compile_body_text(setup.human_mjcf, source="human of the run", root="free", own=True)
     return Cast(
@@ -504,7 +501,7 @@ def cast_of(setup: PageSetup) -> Cast:
 
 
 NICENESS = 5
-"""Niceness of a page without performer. The run comes first, but a press of STOP must not wait for every process."""
+"""Niceness of a page without performer: the run comes first, but STOP must not wait."""
 
 
 async def _serve(settings: Settings, feed: socket.socket, poses: socket.socket | None) -> None:

@@ -1,8 +1,8 @@
 """A small server of pages, with an access token, files, and WebSockets.
 
-Any page in a browser of this machine can connect to a server on loopback, by address or by a name that resolves to it
-(DNS rebinding). So every path begins with a secret key, and every request must name this server as its host and, if it
-has one, as its origin. A cookie would not do, since browsers send it to all ports of this machine.
+Any page in a browser of this machine can connect to a server on loopback, also by a name (DNS rebinding). So every path
+begins with a secret key, and host and origin of a request must be this server. Browsers would send a cookie to all
+ports of this machine.
 """
 
 import asyncio
@@ -45,8 +45,8 @@ class Refused:
 
 
 class AccessToken:
-    """Guards one page. port: of the server, set once it is known. key: None draws one. hosts: names and addresses of
-    this server, the first of which stands in `address`."""
+    """Guards one page. port: set once it is known. key: None draws one. hosts: of this server, the first one for
+    `address`."""
 
     def __init__(
         self,
@@ -66,7 +66,7 @@ class AccessToken:
         return f"{self._scheme}://{self._hosts[0]}:{self.port}/{self._key}/"
 
     def judge(self, path: str, header: Header) -> str | Refused:
-        """Return the path without the key, with a leading slash, or the refusal. path, header: of the request."""
+        """Return the path of a request without the key, with a leading slash, or the refusal."""
         hosts = [f"{host}:{self.port}" for host in self._hosts]
         if header("Host") not in hosts:
             return Refused(HTTPStatus.FORBIDDEN, "this page has another address")
@@ -93,7 +93,7 @@ POLICY = (
     "img-src 'self' data: blob:; style-src 'self'; media-src 'self' blob:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-"""Content security policy: the page loads from this server and connects to it, and to no other."""
+"""Content security policy: the page connects to this server alone."""
 HEADERS = {
     "Content-Security-Policy": POLICY,
     "Permissions-Policy": "camera=(self), xr-spatial-tracking=(self), microphone=(), geolocation=()",
@@ -120,9 +120,8 @@ def file_response(name: str, body: bytes) -> Response:
 
 
 class Pages:
-    """Serves files to browsers that have the key. listen: serve on every interface, with HTTPS. talk: serves a
-    WebSocket until it returns; None refuses WebSockets. notify: receives refusals. The address is known once it is
-    open."""
+    """Serves files to browsers that have the key. listen: on every interface, with HTTPS. talk: serves a WebSocket
+    until it returns. notify: receives refusals."""
 
     def __init__(
         self,
@@ -207,8 +206,8 @@ def serve_files(
 
 
 def certified(hosts: Sequence[str]) -> tuple[ssl.SSLContext, str]:
-    """Return a TLS context for these names and IPv4 addresses, and the SHA-256 fingerprint of its certificate as
-    browsers show it. No authority vouches for it, so the user compares the fingerprint."""
+    """Return a TLS context for names and IPv4 addresses, and the SHA-256 fingerprint of its certificate, which the
+    user compares, since no authority vouches for it."""
     import trustme
 
     names = [host for host in hosts if ":" not in host]
@@ -223,4 +222,4 @@ def certified(hosts: Sequence[str]) -> tuple[ssl.SSLContext, str]:
 _SILENT = logging.getLogger(__name__)
 _SILENT.addHandler(logging.NullHandler())
 _SILENT.propagate = False
-"""Discards errors of connections that break off. The terminal of the run shows what matters."""
+"""Discards errors of connections that break off."""

@@ -20,9 +20,8 @@ from retarget.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Cast:
-    """The bodies of a run. robot: None for a human alone. profile: None if it is unknown, without which soles and
-    observers are not shown. joints (n), landmarks (k) of the robot, sensors (s) of the performer: names.
-    servos_measure: rows have temperatures and currents of the servos."""
+    """The bodies of a run. robot: None for a human alone. profile: needed for soles and observers. joints (n),
+    landmarks (k), sensors (s): names. servos_measure: rows have temperatures and currents."""
 
     human: SolidBody
     robot: SolidBody | None = None
