@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from recordings import RATE, moved, op3
 from retarget.model.robot import load_robot
 from retarget.recording.exports.formats import FORMATS, export_motion, format_table
+from retarget.recording.exports.trainers import tracking_arrays
 from retarget.recording.motion import Motion, resampled
 
 Array = NDArray[Any]
@@ -97,7 +98,22 @@ def numbers(path: Path) -> tuple[list[str], Array]:
 
 def read_mjlab(path: Path, model: Any) -> Played:
     file = loaded(path)
-    assert file["joint_names"].tolist() == joints_of(model)
+    assert file["fps"].dtype == np.int64 and str(file["quaternion_order"]) == "wxyz"
+    assert file["joint_names"].tolist() == joints_of(model) and file["body_names"][0] == "body_link"
+    shapes = {
+        "joint_pos": (20,),
+        "joint_vel": (20,),
+        "body_pos_w": (21, 3),
+        "body_quat_w": (21, 4),
+        "body_lin_vel_w": (21, 3),
+        "body_ang_vel_w": (21, 3),
+    }
+    assert {key: file[key].shape[1:] for key in shapes} == shapes
+    assert {array.dtype for array in file.values() if array.ndim > 1} == {np.dtype(np.float32)}
+    whole = Played(file["body_pos_w"][:, 0], file["body_quat_w"][:, 0], file["joint_pos"], 0.0)
+    places, turns = links_of(model, whole)
+    np.testing.assert_allclose(file["body_pos_w"], places, atol=1e-6)
+    np.testing.assert_allclose(np.abs(np.sum(file["body_quat_w"] * turns, axis=2)), 1.0, atol=1e-6)
     return Played(file["body_pos_w"][:, 0], file["body_quat_w"][:, 0], file["joint_pos"], float(file["fps"][0]))
 
 
@@ -262,6 +278,22 @@ def test_velocities_of_holosoma_are_those_of_root_and_centres_of_mass(written: P
     np.testing.assert_allclose(file["joint_vel"][row, 6:], (whole[row + 1] - whole[row - 1])[7:] / (2.0 * dt))
     turns = Rotation.from_quat(whole[[row - 1, row + 1], 3:7], scalar_first=True)
     np.testing.assert_allclose(file["joint_vel"][row, 3:6], (turns[1] * turns[0].inv()).as_rotvec() / (2.0 * dt))
+
+
+def test_velocities_of_mjlab_are_those_of_its_links(motion: Motion) -> None:
+    arrays, row, link = tracking_arrays(motion), 31, 7
+    step = np.diff(motion.joints, axis=0) * RATE
+    np.testing.assert_allclose(arrays["joint_vel"][1:-1], (step[1:] + step[:-1]) / 2.0, rtol=1e-4, atol=1e-4)
+    turns = Rotation.from_quat(arrays["body_quat_w"][[row - 1, row + 1], link].astype(float), scalar_first=True)
+    world = (turns[1] * turns[0].inv()).as_rotvec() * RATE / 2.0
+    np.testing.assert_allclose(arrays["body_ang_vel_w"][row, link], world, atol=1e-3)
+
+
+def test_a_turning_root_has_its_speed_at_every_row_also_at_the_ends() -> None:
+    motion = moved(op3(), rows=30)
+    turn = Rotation.from_rotvec(np.outer(motion.time, [0.3, -0.4, 1.2]))
+    motion.q[:, 3:7] = turn.as_quat(scalar_first=True)
+    np.testing.assert_allclose(tracking_arrays(motion)["body_ang_vel_w"][:, 0], [[0.3, -0.4, 1.2]] * 30, atol=1e-5)
 
 
 def test_sonic_velocities_are_those_of_its_positions(written: Path) -> None:
