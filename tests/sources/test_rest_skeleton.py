@@ -1,5 +1,7 @@
 """The rest skeleton of a joint tree: any rig of one motion is read as that motion, and what is no body is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -79,14 +81,11 @@ def test_a_tree_that_stands_in_no_frame_is_refused() -> None:
     fallen = JointPoses(position, rotations.multiply(lying, pose.orientation))
     with refuses(InputError, where="here", next_step="T-pose"):
         canonical_frames(tree, fallen, unit=1.0, rate=30.0, source="here", options=ReadOptions(up=UP_AXES["y"]))
-    swapped = tuple(
-        name.replace("Left", "?").replace("Right", "Left").replace("?", "Right")
-        if "Arm" in name or "Hand" in name
-        else name
-        for name in tree.names
-    )
+    arms = [f"{side}{part}" for part in ("Arm", "ForeArm", "Hand") for side in ("Left", "Right")]
+    others = dict(zip(arms, [arms[at ^ 1] for at in range(6)], strict=True))
+    swapped = tuple(others.get(name, name) for name in body().names)
     with refuses(InputError, where="here", next_step="arm"):
-        read(JointTree(swapped, body().parents, body().offsets, body().ends), moved(body()))
+        read(replace(body(), names=swapped), moved(body()))
 
 
 def test_feet_without_length_have_no_toes() -> None:
@@ -122,8 +121,8 @@ def test_an_arm_by_another_name_is_no_missing_arm() -> None:
     names = tuple("Thing" if name == "RightForeArm" else name for name in body().names)
     stick, _ = along(body(), moved(body()), UP_AXES["x"], 0.0)
     with refuses(InputError, "r_elbow"):
-        canonical_joints(JointTree(names, stick.parents, stick.offsets, stick.ends), where="here")
-    by_shape, notes = canonical_joints(JointTree(names, body().parents, body().offsets, body().ends), where="here")
+        canonical_joints(replace(stick, names=names), where="here")
+    by_shape, notes = canonical_joints(replace(body(), names=names), where="here")
     assert names[by_shape["r_elbow"].joint] == "Thing"
     shows(notes[0])
 
@@ -133,8 +132,8 @@ def test_an_arm_by_another_name_is_no_missing_arm() -> None:
 
 def test_a_root_on_the_floor_and_bones_of_the_face_do_not_change_the_shape() -> None:
     tree, _ = carried(body(), moved(body()), "n", 2)
-    plain = JointTree(tuple(f"n{i}" for i in range(len(tree.names))), tree.parents, tree.offsets, tree.ends)
-    found = joints_by_shape(plain)
+    numbers = tuple(f"n{at}" for at in range(len(tree.names)))
+    found = joints_by_shape(replace(tree, names=numbers))
     assert found is not None
     for name, joint in (("head", "Head"), ("l_ankle", "LeftFoot"), ("r_wrist", "RightHand"), ("l_hip", "LeftUpLeg")):
         assert tree.names[found[name]] == f"n{joint}"
@@ -143,10 +142,10 @@ def test_a_root_on_the_floor_and_bones_of_the_face_do_not_change_the_shape() -> 
     count = len(faces)
     for name in ("n", "Head"):
         with_face = JointTree(
-            (*(name if at == head else f"n{at}" for at in range(len(tree.names))), *(f"f{i}" for i in range(count))),
+            (*numbers[:head], name, *numbers[head + 1 :], *(f"f{i}" for i in range(count))),
             (*tree.parents, *(head,) * count),
             np.concatenate((tree.offsets, faces)),
-            (*((() if at == head else ends) for at, ends in enumerate(tree.ends)), *((),) * count),
+            (*tree.ends[:head], (), *tree.ends[head + 1 :], *((),) * count),
         )
         found = joints_by_shape(with_face)
         assert found is not None and found["head"] == head and found["head_top"] == len(tree.names) + count - 1
@@ -169,9 +168,7 @@ def test_bones_are_as_long_as_in_the_frames(kind: str, stretch: float, carriers:
     rows = np.tile(offsets, (5, 1, 1))
     rows[:, hips + 1 :] *= 1.0 + stretch * np.linspace(-1.0, 1.0, 5)[:, None, None]
     rows[:, hips] = scale * np.array([0.3, 0.9, 0.2])
-    right = JointTree(
-        tree.names, tree.parents, offsets, tuple(tuple(scale * end for end in ends) for ends in tree.ends)
-    )
+    right = replace(tree, offsets=offsets, ends=tuple(tuple(scale * end for end in ends) for ends in tree.ends))
     truth = posed(right, channels, rows.reshape(5, -1))
     values, written = rows.copy(), right
     if kind == "differences":
@@ -179,14 +176,10 @@ def test_bones_are_as_long_as_in_the_frames(kind: str, stretch: float, carriers:
         values[:, below] -= offsets[below]
     elif kind != "absolute":
         factor = 0.0 if kind == "zero offsets" else 3.0
-        written = JointTree(tree.names, tree.parents, factor * offsets, right.ends)
+        written = replace(right, offsets=factor * offsets)
     found, given_values, notes = true_offsets(written, channels, values.reshape(5, -1))
     again = posed(found, channels, given_values)
-    pelvis = slice(hips, None)
-    np.testing.assert_allclose(
-        again.position[:, pelvis] - again.position[:, hips : hips + 1],
-        truth.position[:, pelvis] - truth.position[:, hips : hips + 1],
-        atol=1e-9 * scale,
-    )
+    from_hips, expected = (p.position[:, hips:] - p.position[:, hips : hips + 1] for p in (again, truth))
+    np.testing.assert_allclose(from_hips, expected, atol=1e-9 * scale)
     np.testing.assert_allclose(found.offsets[hips + 1 :], offsets[hips + 1 :], atol=1e-9 * scale)
     assert len(notes) == (kind != "absolute")

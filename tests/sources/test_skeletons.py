@@ -1,6 +1,5 @@
 """Joint names as data: every style is complete and finds itself."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -51,17 +50,6 @@ def test_a_prefix_of_the_skeleton_alone_is_left_out(style: str, prefix: str) -> 
 LIMBS = [f"{side}_{part}" for side in "lr" for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")]
 
 
-def figure(tmp_path: Path, *, z_up: bool = False) -> JointTree:
-    path = tmp_path / "a.bvh"
-    path.write_text(bvh_text(z_up=z_up))
-    return read_motion(path).tree
-
-
-def turned(tree: JointTree, matrix: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> JointTree:
-    ends = tuple(tuple(matrix @ end for end in ends) for ends in tree.ends)
-    return JointTree(tree.names, tree.parents, tree.offsets @ matrix.T, ends)
-
-
 TURNS = (np.eye(3), np.diag([-1.0, 1.0, -1.0]), np.roll(np.eye(3), 1, axis=0), np.diag([1.0, -1.0, -1.0]))
 MIRRORS = (np.diag([-1.0, 1.0, 1.0]), np.diag([1.0, 1.0, -1.0]))
 SIDES = {"numbers": None, "de": ("_links", "_rechts"), "jp": ("左", "右"), "camel": ("L", "R"), "it": (".Sx", ".Dx")}
@@ -71,14 +59,16 @@ SIDES = {"numbers": None, "de": ("_links", "_rechts"), "jp": ("左", "右"), "ca
 @pytest.mark.parametrize("z_up", [False, True])
 def test_shape_finds_the_limbs_however_the_figure_stands(language: str, z_up: bool, tmp_path: Path) -> None:
     """Sides by names where those say them, also of a mirrored figure; else by the toes, which tell no mirrored one."""
-    tree, words = figure(tmp_path, z_up=z_up), SIDES[language]
+    (tmp_path / "a.bvh").write_text(bvh_text(z_up=z_up))
+    tree, words = read_motion(tmp_path / "a.bvh").tree, SIDES[language]
     by_name = joints_by_name(tree.names)
     assert by_name is not None
     sides = {"Left": 0, "Right": 1}
     marks = [next((words[k] for side, k in sides.items() if words and side in name), "") for name in tree.names]
     names = tuple(f"q{place}{mark}" for place, mark in enumerate(marks))
     for matrix in (*TURNS, *(MIRRORS if words else ())):
-        by_shape = joints_by_shape(replace(turned(tree, matrix), names=names))
+        ends = tuple(tuple(matrix @ end for end in ends) for ends in tree.ends)
+        by_shape = joints_by_shape(JointTree(names, tree.parents, tree.offsets @ matrix.T, ends))
         assert by_shape is not None
         for name in ("head", *LIMBS):
             assert by_shape[name] == by_name[name], name

@@ -2,57 +2,51 @@
 
 import struct
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 # Bone, parent, direction (y up, z forward, x left), length in ASF units, dof.
-BONES: tuple[tuple[str, str, tuple[float, float, float], float, str], ...] = (
+Bone = tuple[str, str, tuple[float, float, float], float, str]
+LEG: tuple[Bone, ...] = (
     ("lhipjoint", "root", (0.6, -0.8, 0.0), 2.5, ""),
     ("lfemur", "lhipjoint", (0.0, -1.0, 0.0), 7.5, "rx ry rz"),
     ("ltibia", "lfemur", (0.0, -1.0, 0.0), 7.0, "rx"),
     ("lfoot", "ltibia", (0.0, -0.28, 0.96), 2.2, "rx rz"),
     ("ltoes", "lfoot", (0.0, 0.0, 1.0), 1.0, "rx"),
-    ("rhipjoint", "root", (-0.6, -0.8, 0.0), 2.5, ""),
-    ("rfemur", "rhipjoint", (0.0, -1.0, 0.0), 7.5, "rx ry rz"),
-    ("rtibia", "rfemur", (0.0, -1.0, 0.0), 7.0, "rx"),
-    ("rfoot", "rtibia", (0.0, -0.28, 0.96), 2.2, "rx rz"),
-    ("rtoes", "rfoot", (0.0, 0.0, 1.0), 1.0, "rx"),
-    ("lowerback", "root", (0.0, 1.0, 0.0), 2.0, "rx ry rz"),
-    ("upperback", "lowerback", (0.0, 1.0, 0.0), 2.0, "rx ry rz"),
-    ("thorax", "upperback", (0.0, 1.0, 0.0), 2.0, "rx ry rz"),
-    ("lowerneck", "thorax", (0.0, 1.0, 0.0), 1.6, "rx ry rz"),
-    ("upperneck", "lowerneck", (0.0, 1.0, 0.0), 1.6, "rx ry rz"),
-    ("head", "upperneck", (0.0, 1.0, 0.0), 1.6, "rx ry rz"),
+)
+ARM: tuple[Bone, ...] = (
     ("lclavicle", "thorax", (1.0, 0.0, 0.0), 3.5, "ry rz"),
     ("lhumerus", "lclavicle", (1.0, 0.0, 0.0), 5.0, "rx ry rz"),
     ("lradius", "lhumerus", (1.0, 0.0, 0.0), 3.4, "rx"),
     ("lwrist", "lradius", (1.0, 0.0, 0.0), 1.7, "ry"),
     ("lhand", "lwrist", (1.0, 0.0, 0.0), 0.7, "rx rz"),
     ("lfingers", "lhand", (1.0, 0.0, 0.0), 0.5, "rx"),
-    ("rclavicle", "thorax", (-1.0, 0.0, 0.0), 3.5, "ry rz"),
-    ("rhumerus", "rclavicle", (-1.0, 0.0, 0.0), 5.0, "rx ry rz"),
-    ("rradius", "rhumerus", (-1.0, 0.0, 0.0), 3.4, "rx"),
-    ("rwrist", "rradius", (-1.0, 0.0, 0.0), 1.7, "ry"),
-    ("rhand", "rwrist", (-1.0, 0.0, 0.0), 0.7, "rx rz"),
-    ("rfingers", "rhand", (-1.0, 0.0, 0.0), 0.5, "rx"),
+)
+TRUNK = ("root", "lowerback", "upperback", "thorax", "lowerneck", "upperneck", "head")
+SPINE = tuple(
+    (bone, below, (0.0, 1.0, 0.0), 1.6 if "neck" in bone + below else 2.0, "rx ry rz")
+    for below, bone in pairwise(TRUNK)
 )
 
+
+def _right(left: Sequence[Bone]) -> tuple[Bone, ...]:
+    return tuple(
+        (f"r{bone[1:]}", parent if parent in TRUNK else f"r{parent[1:]}", (0.0 - x, y, z), length, dof)
+        for bone, parent, (x, y, z), length, dof in left
+    )
+
+
+BONES: tuple[Bone, ...] = (*LEG, *_right(LEG), *SPINE, *ARM, *_right(ARM))
 AXES = {"lradius": "180 -30 -90", "rradius": "180 30 90", "lfemur": "0 0 20", "rfemur": "0 0 -20"}
 
 
 def asf_text(*, length: float = 0.45, renamed: Mapping[str, str] | None = None, scale: float = 1.0) -> str:
     """The stick figure as an ASF. renamed: other names for some bones. scale: of the bone lengths."""
     names = dict(renamed or {})
-    lines = [
-        "# made for a test",
-        ":version 1.10",
-        ":name stick",
-        ":units",
-        "  mass 1.0",
-        f"  length {length}",
-        "  angle deg",
-    ]
+    lines = ["# made for a test", ":version 1.10", ":name stick"]
+    lines += [":units", "  mass 1.0", f"  length {length}", "  angle deg"]
     lines += [":documentation", "  none", ":root", "  order TX TY TZ RX RY RZ", "  axis XYZ"]
     lines += ["  position 0 0 0", "  orientation 0 0 0", ":bonedata"]
     children: dict[str, list[str]] = {}
@@ -65,12 +59,8 @@ def asf_text(*, length: float = 0.45, renamed: Mapping[str, str] | None = None, 
             lines.append(f"    dof {dof}")
             lines += [("    limits " if k == 0 else "           ") + "(-inf inf)" for k in range(len(dof.split()))]
         lines.append("  end")
-    lines += [
-        ":hierarchy",
-        "  begin",
-        *(f"    {above} {' '.join(below)}" for above, below in children.items()),
-        "  end",
-    ]
+    tree = [f"    {above} {' '.join(below)}" for above, below in children.items()]
+    lines += [":hierarchy", "  begin", *tree, "  end"]
     return "\n".join(lines) + "\n"
 
 
@@ -95,29 +85,32 @@ def write_amc(folder: Path, text: str, *, skeleton: str | None = None, name: str
 
 
 # Joint, parent, offset in cm (y up, z forward, x left).
-JOINTS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
-    ("Hips", "", (0.0, 0.0, 0.0)),
+Joint = tuple[str, str, tuple[float, float, float]]
+LEFT_LEG: tuple[Joint, ...] = (
     ("LeftUpLeg", "Hips", (9.0, -9.0, 0.0)),
     ("LeftLeg", "LeftUpLeg", (0.0, -42.0, 0.0)),
     ("LeftFoot", "LeftLeg", (0.0, -41.0, 0.0)),
     ("LeftToeBase", "LeftFoot", (0.0, -6.0, 13.0)),
-    ("RightUpLeg", "Hips", (-9.0, -9.0, 0.0)),
-    ("RightLeg", "RightUpLeg", (0.0, -42.0, 0.0)),
-    ("RightFoot", "RightLeg", (0.0, -41.0, 0.0)),
-    ("RightToeBase", "RightFoot", (0.0, -6.0, 13.0)),
-    ("Spine", "Hips", (0.0, 11.0, 0.0)),
-    ("Spine1", "Spine", (0.0, 12.0, 0.0)),
-    ("Neck", "Spine1", (0.0, 12.0, 0.0)),
-    ("Head", "Neck", (0.0, 10.0, 0.0)),
+)
+LEFT_ARM: tuple[Joint, ...] = (
     ("LeftShoulder", "Spine1", (2.0, 11.0, 0.0)),
     ("LeftArm", "LeftShoulder", (16.0, 3.0, 0.0)),
     ("LeftForeArm", "LeftArm", (29.0, 0.0, 0.0)),
     ("LeftHand", "LeftForeArm", (26.0, 0.0, 0.0)),
-    ("RightShoulder", "Spine1", (-2.0, 11.0, 0.0)),
-    ("RightArm", "RightShoulder", (-16.0, 3.0, 0.0)),
-    ("RightForeArm", "RightArm", (-29.0, 0.0, 0.0)),
-    ("RightHand", "RightForeArm", (-26.0, 0.0, 0.0)),
 )
+BACK: tuple[Joint, ...] = (
+    ("Spine", "Hips", (0.0, 11.0, 0.0)),
+    ("Spine1", "Spine", (0.0, 12.0, 0.0)),
+    ("Neck", "Spine1", (0.0, 12.0, 0.0)),
+    ("Head", "Neck", (0.0, 10.0, 0.0)),
+)
+
+
+def _to_right(left: Sequence[Joint]) -> tuple[Joint, ...]:
+    return tuple((a.replace("Left", "Right"), b.replace("Left", "Right"), (0.0 - x, y, z)) for a, b, (x, y, z) in left)
+
+
+JOINTS = (("Hips", "", (0.0, 0.0, 0.0)), *LEFT_LEG, *_to_right(LEFT_LEG), *BACK, *LEFT_ARM, *_to_right(LEFT_ARM))
 END_SITES = {"LeftToeBase": (0.0, 0.0, 6.0), "RightToeBase": (0.0, 0.0, 6.0), "Head": (0.0, 18.0, 0.0)}
 HAND_END = {"LeftHand": (16.0, 0.0, 0.0), "RightHand": (-16.0, 0.0, 0.0)}
 
@@ -164,23 +157,11 @@ def bvh_text(
     return "\n".join(lines) + "\n"
 
 
-MARKERS: dict[str, tuple[float, float, float]] = {
-    "LFHD": (80.0, 70.0, 1640.0),
-    "RFHD": (80.0, -70.0, 1640.0),
-    "LBHD": (-80.0, 70.0, 1640.0),
-    "RBHD": (-80.0, -70.0, 1640.0),
-    "LWRA": (40.0, 700.0, 1380.0),
-    "LWRB": (-40.0, 700.0, 1380.0),
-    "RWRA": (40.0, -700.0, 1380.0),
-    "RWRB": (-40.0, -700.0, 1380.0),
-    "LANK": (0.0, 140.0, 80.0),
-    "RANK": (0.0, -140.0, 80.0),
-    "LTOE": (150.0, 140.0, 40.0),
-    "RTOE": (150.0, -140.0, 40.0),
-    "LASI": (90.0, 120.0, 990.0),
-    "RASI": (90.0, -120.0, 990.0),
-    "LPSI": (-90.0, 50.0, 1010.0),
-    "RPSI": (-90.0, -50.0, 1010.0),
+LEFT_MARKERS = {"FHD": (80.0, 70.0, 1640.0), "BHD": (-80.0, 70.0, 1640.0), "WRA": (40.0, 700.0, 1380.0)}
+LEFT_MARKERS |= {"WRB": (-40.0, 700.0, 1380.0), "ANK": (0.0, 140.0, 80.0), "TOE": (150.0, 140.0, 40.0)}
+LEFT_MARKERS |= {"ASI": (90.0, 120.0, 990.0), "PSI": (-90.0, 50.0, 1010.0)}
+MARKERS = {
+    f"{s}{name}": (x, sign * y, z) for name, (x, y, z) in LEFT_MARKERS.items() for s, sign in (("L", 1), ("R", -1))
 }
 """Markers of a T-pose, mm, x forward, y left, z up."""
 
@@ -245,21 +226,16 @@ def c3d_bytes(
         "POINT:LABELS": labels, "POINT:UNITS": unit, "POINT:X_SCREEN": "+X", "POINT:Y_SCREEN": "+Y" if y_up else "+Z",
     }  # fmt: skip
     values = {key: value for key, value in {**values, **(more or {})}.items() if value is not None}
-    section, groups = (
-        bytes((1, 0x50, 0, C3D_PROCESSORS[processor])),
-        [*dict.fromkeys(key.split(":")[0] for key in values)],
-    )
+    groups = [*dict.fromkeys(key.split(":")[0] for key in values)]
+    section = bytes((1, 0x50, 0, C3D_PROCESSORS[processor]))
     for key, value in values.items():
         section += c3d_parameter(1 + groups.index(key.split(":")[0]), key.split(":")[1], value, processor)
     for number, name in enumerate(groups, start=1):  # groups may stand behind their parameters
         section += struct.pack("bb", len(name), -number) + name.encode() + struct.pack(f"{order}HB", 3, 0)
     blocks = -(-(len(section) + 2) // 512)
     header = bytes((2, 0x50)) + struct.pack(f"{order}4H", len(markers), analog, first, first + frames - 1) + bytes(2)
-    header += (
-        c3d_floats([scale], processor)
-        + struct.pack(f"{order}HH", 2 + blocks, 1 if analog else 0)
-        + c3d_floats([rate], processor)
-    )
+    header += c3d_floats([scale], processor) + struct.pack(f"{order}HH", 2 + blocks, 1 if analog else 0)
+    header += c3d_floats([rate], processor)
     data = b""
     for frame in range(frames):
         points = np.zeros((len(markers), 4))
