@@ -401,9 +401,7 @@ def test_torque_is_what_the_servos_say_and_not_known_of_a_silent_one() -> None:
 
 
 @pytest.mark.parametrize("gone", [(), (1,), (2,), (3,), (5,), (1, 2), (1, 3, 5), (1, 2, 3, 4), (1, 2, 3, 4, 5)])
-def test_servos_that_answer_are_read_whichever_is_missing(
-    gone: tuple[int, ...],
-) -> None:
+def test_servos_that_answer_are_read_whichever_is_missing(gone: tuple[int, ...]) -> None:
     rig = BusRig(specs(5)).ready()
     if gone:
         rig.fault(Fault(FaultKind.MISSING, ids=gone))

@@ -4,10 +4,7 @@ import pytest
 
 from bus_rig import BusRig, specs
 from hardware.dynamixel.control_table import code_of
-from hardware.dynamixel.found_servos import (
-    as_bus,
-    broadcast_torque_off,
-)
+from hardware.dynamixel.found_servos import as_bus, broadcast_torque_off
 from hardware.dynamixel.line_scan import Sighting, Speed, all_speeds, scan_line
 from hardware.errors import BusError
 from messages import refuses

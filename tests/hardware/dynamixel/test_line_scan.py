@@ -4,14 +4,7 @@ import pytest
 
 from bus_rig import BusRig, spec, specs
 from hardware.dynamixel.control_table import code_of
-from hardware.dynamixel.line_scan import (
-    Speed,
-    all_speeds,
-    likely_speeds,
-    scan_likely,
-    scan_line,
-    write_setting,
-)
+from hardware.dynamixel.line_scan import Speed, all_speeds, likely_speeds, scan_likely, scan_line, write_setting
 from hardware.dynamixel.settings import Setting
 from hardware.errors import BusError
 from messages import refuses, shows
@@ -45,9 +38,7 @@ def test_a_quick_look_in_protocol_1_is_for_usual_ids_and_those_expected(ids: tup
     assert [one.found.id for one in seen.sightings] == found
 
 
-def test_an_impossible_speed_is_reported_and_a_port_that_is_gone_ends_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_impossible_speed_is_reported_and_a_port_that_is_gone_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = _rig()
     set_baud = rig.port.set_baud
 

@@ -163,8 +163,7 @@ def test_a_silent_board_disturbs_no_servo_and_is_found_again() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "fault"),
-    [(FaultKind.IMU_FROZEN, ImuFault.FROZEN), (FaultKind.IMU_SPIKES, ImuFault.IMPOSSIBLE)],
+    ("kind", "fault"), [(FaultKind.IMU_FROZEN, ImuFault.FROZEN), (FaultKind.IMU_SPIKES, ImuFault.IMPOSSIBLE)]
 )
 def test_a_board_that_is_broken_is_not_believed(kind: FaultKind, fault: ImuFault) -> None:
     rig = Rig()

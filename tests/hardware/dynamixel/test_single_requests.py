@@ -53,12 +53,25 @@ def test_a_refusal_is_reported_in_words_and_once() -> None:
     assert len(port.sent) == 1
 
 
-@pytest.mark.parametrize("bit", [Error1.RANGE, Error1.INSTRUCTION, Error1.ANGLE_LIMIT])
-def test_refusals_of_protocol_1(bit: Error1) -> None:
-    servo = OneOff(ScriptedPort(always(protocol1.status(1, bit | Error1.OVERLOAD))), 1)
-    with pytest.raises(ServoError, match=f"error {bit.value}:"):
-        servo.write(1, MX["goal_position"], 4095)
-    assert servo.alerted == {1}
+@pytest.mark.parametrize("number", [error for error in Error2 if error])
+def test_every_number_of_protocol_2_is_explained(number: Error2) -> None:
+    assert single_requests.refusal(2, ALERT | number) == number
+    assert single_requests.state(2, ALERT | number) == ALERT
+    shows(single_requests.words(2, number))
+
+
+@pytest.mark.parametrize("bit", list(Error1))
+def test_a_bit_of_protocol_1_is_about_the_instruction_or_the_servo(bit: Error1) -> None:
+    about_servo = bit in (Error1.INPUT_VOLTAGE, Error1.OVERHEATING, Error1.OVERLOAD)
+    assert bool(single_requests.state(1, bit)) == about_servo
+    assert bool(single_requests.refusal(1, bit)) != about_servo
+    if not about_servo:
+        shows(single_requests.words(1, bit))
+    if bit in (Error1.RANGE, Error1.INSTRUCTION, Error1.ANGLE_LIMIT):
+        servo = OneOff(ScriptedPort(always(protocol1.status(1, bit | Error1.OVERLOAD))), 1)
+        with pytest.raises(ServoError, match=f"error {bit.value}:"):
+            servo.write(1, MX["goal_position"], 4095)
+        assert servo.alerted == {1}
 
 
 def test_an_alert_is_reported_and_never_an_error() -> None:
@@ -234,19 +247,3 @@ def test_an_answer_that_the_sdk_unstuffs_wrongly_counts_as_damaged() -> None:
     payload = b"\xff\xff\xfd\xff\xfd\xfd"
     with pytest.raises(NoAnswer):
         OneOff(ScriptedPort(always(protocol2.status(1, 0, payload))), 2).read_block(1, 116, len(payload))
-
-
-@pytest.mark.parametrize("number", [error for error in Error2 if error])
-def test_every_number_of_protocol_2_is_explained(number: Error2) -> None:
-    assert single_requests.refusal(2, ALERT | number) == number
-    assert single_requests.state(2, ALERT | number) == ALERT
-    shows(single_requests.words(2, number))
-
-
-@pytest.mark.parametrize("bit", list(Error1))
-def test_a_bit_of_protocol_1_is_about_the_instruction_or_the_servo(bit: Error1) -> None:
-    about_servo = bit in (Error1.INPUT_VOLTAGE, Error1.OVERHEATING, Error1.OVERLOAD)
-    assert bool(single_requests.state(1, bit)) == about_servo
-    assert bool(single_requests.refusal(1, bit)) != about_servo
-    if not about_servo:
-        shows(single_requests.words(1, bit))
