@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from messages import Facts, mentions, refuses, shows
-from recordings import SLIDER, Recorded, moved, record, slider, with_servos
-from recordings import saved as export_reading_saved
+from recordings import SLIDER, Recorded, moved, record, saved, slider, with_servos
 from retarget.cli import main
 from retarget.errors import InputError
 from retarget.recording.exports.formats import FORMATS, export_motion, export_place
@@ -33,7 +32,7 @@ def body(tmp_path: Path) -> Path:
 
 
 def test_everything_comes_back(motion: Motion, body: Path, tmp_path: Path) -> None:
-    found = read_run(export_reading_saved(motion, tmp_path / "run.npz", body))
+    found = read_run(saved(motion, tmp_path / "run.npz", body))
     assert found.robot == "slider" and found.joint_names == motion.joint_names == ("lift", "swing", "roll")
     assert found.joint_units == ("m", "rad", "rad")
     np.testing.assert_allclose(found.q, motion.q, atol=1e-12)
@@ -43,11 +42,11 @@ def test_everything_comes_back(motion: Motion, body: Path, tmp_path: Path) -> No
 
 
 def test_a_body_that_moved_away(motion: Motion, body: Path, tmp_path: Path) -> None:
-    run = export_reading_saved(motion, tmp_path / "run.npz", tmp_path / "gone" / "elsewhere.xml")
+    run = saved(motion, tmp_path / "run.npz", tmp_path / "gone" / "elsewhere.xml")
     with refuses(InputError, "--body"):
         read_run(run)
     with refuses(InputError):
-        read_run(export_reading_saved(motion, tmp_path / "long.npz", Path("x" * 5000)))
+        read_run(saved(motion, tmp_path / "long.npz", Path("x" * 5000)))
     assert read_run(run, body=body).joint_names == motion.joint_names
     body.rename(tmp_path / "elsewhere.xml")  # beside the run is where a colleague would have put it
     assert read_run(run).joint_names == motion.joint_names
@@ -57,43 +56,35 @@ def test_another_robots_body(motion: Motion, tmp_path: Path) -> None:
     other = tmp_path / "other.xml"
     other.write_text(SLIDER.replace('"swing"', '"swung"'))
     with refuses(InputError, "swing", "--body"):
-        read_run(export_reading_saved(motion, tmp_path / "run.npz", other))
+        read_run(saved(motion, tmp_path / "run.npz", other))
 
 
-BAD: dict[str, tuple[np.ndarray[tuple[int, ...], np.dtype[Any]], Facts]] = {
-    "time": (np.arange(39) / 50.0, "(39)"),
-    "joint_positions": (np.full((40, 3), np.nan), ("joint_positions", "nan", 1)),
-    "root_position": (np.full((40, 3), np.inf), "root_position"),
-    "landmarks_reached": (np.zeros((40, 1, 3)), "landmarks_reached"),
-    "root_quaternion": (np.zeros((40, 4)), "[0. 0. 0. 0.]"),
-    "joint_names": (np.arange(3), "joint_names"),
-    "servo_positions": (np.zeros((40, 2)), "servo_positions"),
-    "goal_ticks": (np.zeros((40, 3)), "goal_ticks"),
-    "landmarks_asked": (np.zeros((40, 1, 3)), "landmarks_asked"),
-    "phase": (np.full(40, "dance"), ("phase", "dance")),
-    "landmark_names": (np.array([0x110000], dtype=np.uint32).view("<U1"), "landmark_names"),
-}
+BAD: list[tuple[dict[str, Any], Facts]] = [
+    ({"time": np.arange(39) / 50.0}, "(39)"),
+    ({"joint_positions": np.full((40, 3), np.nan)}, ("joint_positions", "nan", 1)),
+    ({"root_position": np.full((40, 3), np.inf)}, "root_position"),
+    ({"landmarks_reached": np.zeros((40, 1, 3))}, "landmarks_reached"),
+    ({"root_quaternion": np.zeros((40, 4))}, "[0. 0. 0. 0.]"),
+    ({"joint_names": np.arange(3)}, "joint_names"),
+    ({"servo_positions": np.zeros((40, 2))}, "servo_positions"),
+    ({"goal_ticks": np.zeros((40, 3))}, "goal_ticks"),
+    ({"landmarks_asked": np.zeros((40, 1, 3))}, "landmarks_asked"),
+    ({"phase": np.full(40, "dance")}, ("phase", "dance")),
+    ({"landmark_names": np.array([0x110000], dtype=np.uint32).view("<U1")}, "landmark_names"),
+    ({"time": np.zeros(40)}, ()),
+    ({"time": np.zeros(0)}, ()),
+    ({"time": np.arange(40)[::-1].astype(float)}, ()),
+    ({"time": None, "root_position": None}, "root_position"),  # both are listed
+]
 
 
-@pytest.mark.parametrize("key", BAD)
-def test_wrong_content_is_named_by_its_key(key: str, motion: Motion, body: Path, tmp_path: Path) -> None:
-    value, facts = BAD[key]
-    with refuses(InputError, facts):
-        read_run(export_reading_saved(motion, tmp_path / "run.npz", body, **{key: value}))
-
-
-@pytest.mark.parametrize("time", [np.zeros(40), np.zeros(0), np.arange(40)[::-1].astype(float)])
-def test_time_goes_on(
-    time: np.ndarray[tuple[int], np.dtype[np.float64]], motion: Motion, body: Path, tmp_path: Path
+@pytest.mark.parametrize(("other", "facts"), BAD)
+def test_wrong_content_is_named_by_its_key(
+    other: dict[str, Any], facts: Facts, motion: Motion, body: Path, tmp_path: Path
 ) -> None:
-    with refuses(InputError):
-        read_run(export_reading_saved(motion, tmp_path / "run.npz", body, time=time))
-
-
-def test_missing_keys_are_listed_all_at_once(motion: Motion, body: Path, tmp_path: Path) -> None:
-    run = export_reading_saved(motion, tmp_path / "run.npz", body, time=None, root_position=None)
-    with refuses(InputError, "root_position"):
-        read_run(run)
+    """Time goes on, and all that is missing is listed at once."""
+    with refuses(InputError, facts):
+        read_run(saved(motion, tmp_path / "run.npz", body, **other))
 
 
 def test_what_is_no_run(tmp_path: Path) -> None:
@@ -120,36 +111,32 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 
 @pytest.fixture(scope="module")
-def mcap_reader_motion(run: Recorded) -> Motion:
+def recorded(run: Recorded) -> Motion:
     return read_run(run.path)
 
 
-def saved(run: Recorded) -> Motion:
-    path = run.path.with_suffix(".npz")
-    if not path.exists():
-        write_npz(run.result, path)
-    return read_run(path)
+@pytest.fixture(scope="module")
+def then(run: Recorded) -> Motion:
+    """The same run as it was saved."""
+    write_npz(run.result, run.path.with_suffix(".npz"))
+    return read_run(run.path.with_suffix(".npz"))
 
 
-def test_rows_are_those_of_the_run_that_was_saved(run: Recorded, mcap_reader_motion: Motion) -> None:
-    then = saved(run)
-    assert mcap_reader_motion.joint_names == then.joint_names and mcap_reader_motion.robot == then.robot == "op3"
-    assert mcap_reader_motion.notes == () and mcap_reader_motion.row == "tick" and mcap_reader_motion.rate_hz == 125.0
-    np.testing.assert_allclose(mcap_reader_motion.time, then.time, atol=1e-12)
-    np.testing.assert_array_equal(mcap_reader_motion.phase, then.phase)
-    np.testing.assert_allclose(mcap_reader_motion.q, then.q, atol=SINGLE)
-    for ours, theirs in ((mcap_reader_motion.goal_ticks, then.goal_ticks), (mcap_reader_motion.present, then.present)):
+def test_rows_are_those_of_the_run_that_was_saved(recorded: Motion, then: Motion) -> None:
+    assert recorded.joint_names == then.joint_names and recorded.robot == then.robot == "op3"
+    assert recorded.notes == () and recorded.row == "tick" and recorded.rate_hz == 125.0
+    np.testing.assert_allclose(recorded.time, then.time, atol=1e-12)
+    np.testing.assert_array_equal(recorded.phase, then.phase)
+    np.testing.assert_allclose(recorded.q, then.q, atol=SINGLE)
+    for ours, theirs in ((recorded.goal_ticks, then.goal_ticks), (recorded.present, then.present)):
         np.testing.assert_array_equal(ours, theirs)
 
 
-def test_landmarks_are_those_that_were_kept_and_a_straight_line_between(
-    run: Recorded, mcap_reader_motion: Motion
-) -> None:
-    then = saved(run)
-    order = [mcap_reader_motion.landmark_names.index(name) for name in then.landmark_names]
-    assert sorted(mcap_reader_motion.landmark_names) == sorted(then.landmark_names)
-    followed = np.flatnonzero(mcap_reader_motion.phase == Phase.FOLLOW)
-    ours, theirs = mcap_reader_motion.landmarks_asked[followed][:, order], then.landmarks_asked[followed]
+def test_landmarks_are_those_that_were_kept_and_a_straight_line_between(recorded: Motion, then: Motion) -> None:
+    order = [recorded.landmark_names.index(name) for name in then.landmark_names]
+    assert sorted(recorded.landmark_names) == sorted(then.landmark_names)
+    followed = np.flatnonzero(recorded.phase == Phase.FOLLOW)
+    ours, theirs = recorded.landmarks_asked[followed][:, order], then.landmarks_asked[followed]
     kept = (followed + 1) % 5 == 0  # of cycles, the first of which arms
     np.testing.assert_allclose(ours[kept], theirs[kept], atol=1e-5)
     between = slice(int(np.argmax(kept)), len(kept) - int(np.argmax(kept[::-1])))
@@ -158,8 +145,8 @@ def test_landmarks_are_those_that_were_kept_and_a_straight_line_between(
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_every_format_takes_it(form: str, mcap_reader_motion: Motion, tmp_path: Path) -> None:
-    followed = mcap_reader_motion[mcap_reader_motion.phase == Phase.FOLLOW]
+def test_every_format_takes_it(form: str, recorded: Motion, tmp_path: Path) -> None:
+    followed = recorded[recorded.phase == Phase.FOLLOW]
     place = export_place(FORMATS[form], tmp_path / "run.mcap", None)
     export_motion(followed, FORMATS[form], place)
     assert place.exists()
@@ -187,15 +174,13 @@ def test_a_human_alone_has_every_tick(tmp_path: Path) -> None:
     np.testing.assert_array_equal(sensors, asked)
 
 
-def test_the_body_of_then_is_used_and_another_can_be_given(
-    run: Recorded, mcap_reader_motion: Motion, tmp_path: Path
-) -> None:
+def test_the_body_of_then_is_used_and_another_can_be_given(run: Recorded, recorded: Motion, tmp_path: Path) -> None:
     assert run.result.robot is not None
     body = tmp_path / "moved.xml"
     body.write_bytes(run.result.robot.profile.body_path.read_bytes())
     given = read_run(run.path, body=body)
     assert given.body.source == str(body)
-    np.testing.assert_array_equal(given.q, mcap_reader_motion.q)
+    np.testing.assert_array_equal(given.q, recorded.q)
     with refuses(InputError):
         read_run(run.path, body=tmp_path / "nothing.xml")
 

@@ -1,5 +1,6 @@
 """Replay: what differs from a recording is counted, goals in ticks and postures of a human to the bit."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from hardware.bus import ServoGoals
 from hardware.guard_state import StopCause
 from live_rig import LiveRig
 from messages import mentions, refuses, shows
-from operators import Asks
+from operators import ENOUGH, Asks
 from recordings import Recorded, record, with_cycles
 from retarget.errors import InputError
 from retarget.live.begin import LiveOptions
@@ -43,60 +44,33 @@ from retarget.types import RunState
 from sim.faults.sender import FakeSender, lost, silent
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    return record(tmp_path_factory.mktemp("difference") / "run.mcap", seconds=0.1)
-
-
-def sent(found: Recording) -> list[tuple[int, TickArray]]:
-    cycles = found.cycles
-    return [(int(row), cycles.goal_ticks[row].copy()) for row in np.flatnonzero(cycles.written != Done.NOT)]
-
-
-def compared(run: Recorded, goals: list[tuple[int, TickArray]], found: Recording | None = None) -> Difference:
-    assert run.result.robot is not None
-    return goal_difference(found or run.read(), goals, run.result.robot)
-
-
-@pytest.mark.long
-def test_one_tick_of_one_joint_is_located(run: Recorded) -> None:
-    goals = sent(run.read())
-    row = goals[30][0]
-    goals[30][1][4] -= 2
-    found = compared(run, goals)
-    cycles, robot = run.read().cycles, run.result.robot
+def test_one_tick_of_one_joint_is_located(plain: Recorded) -> None:
+    cycles, robot = plain.read().cycles, plain.result.robot
     assert robot is not None
+    row = int(np.flatnonzero(cycles.written != Done.NOT)[30])
+
+    def off(goals: Goals) -> Goals:
+        goals[30][1][4] -= 2
+        return goals
+
+    found = compared(plain, off)
     assert (found.differ, found.ticks, found.first) == (1, 2, int(cycles.index[row]))
     assert found.most == pytest.approx(2 * 360.0 / 4096.0, rel=1e-6)
     assert found.where == f"of {robot.joint_map.joints[4]} in cycle {found.first}"
     assert found.time_s == pytest.approx(0.008 * (int(cycles.index[row]) - 1), abs=0.02)
-    assert found.lines()[0].startswith(f"1 of {len(goals)} goals differ from those recorded, from cycle {found.first}")
+    assert found.lines()[0].startswith(
+        f"1 of {found.compared} goals differ from those recorded, from cycle {found.first}"
+    )
 
 
-def test_goals_that_are_missing_or_more(run: Recorded) -> None:
-    goals = sent(run.read())
-    found = compared(run, [*goals[:-3], (-1, goals[0][1]), goals[5]])
+def test_goals_that_are_missing_or_more(plain: Recorded) -> None:
+    found = compared(plain, lambda goals: [*goals[:-3], (-1, goals[0][1]), goals[5]])
     assert (found.differ, found.absent, found.extra) == (0, 3, 2) and not found.none
     assert found.lines() == ["3 goals were recorded and are not sent now", "2 goals are sent now and were not recorded"]
-
-
-def test_what_comes_after_a_recording_that_was_cut_off_is_not_more(run: Recorded) -> None:
-    whole = run.read()
-    cut = replace(whole, damage="it ends early")
-    goals = sent(whole)
-    found = compared(run, [*goals, (-1, goals[0][1])], cut)
-    assert found.none and not found.whole
-    mentions(found.lines(), "it holds", len(goals) - 1)
-
-
-def test_postures_of_a_human(tmp_path: Path) -> None:
-    alone = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.1)
-    found, q = alone.read(), alone.result.record.human_q.copy()
-    assert posture_difference(found, q).none
-    q[5, 9] += 0.01
-    off = posture_difference(found, q[:-2])
-    assert (off.differ, off.absent, off.unit) == (1, 2, "m or rad")
-    assert off.most == pytest.approx(0.01, rel=1e-4) and off.where == "of q[9] in cycle 5"
+    # What comes after a recording that was cut off is not more.
+    cut = compared(plain, lambda goals: [*goals, (-1, goals[0][1])], damage="it ends early")
+    assert cut.none and not cut.whole
+    mentions(cut.lines(), "it holds", cut.compared - 1)
 
 
 @pytest.fixture(scope="module")
@@ -104,96 +78,100 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return record(tmp_path_factory.mktemp("replay") / "run.mcap")
 
 
+Goals = list[tuple[int, TickArray]]
+
+
+def compared(run: Recorded, change: Callable[[Goals], Goals], *, damage: str = "") -> Difference:
+    """The goals that were recorded against them as they are changed."""
+    found = replace(run.read(), damage=damage)
+    rows = np.flatnonzero(found.cycles.written != Done.NOT).tolist()
+    assert run.result.robot is not None
+    return goal_difference(
+        found, change([(row, found.cycles.goal_ticks[row].copy()) for row in rows]), run.result.robot
+    )
+
+
 def same(again: Replayed, result: RunResult) -> None:
     """To the tick, and to the bit before rounding."""
     assert again.difference.none and again.difference.differ == 0, again.difference.lines()
     now, then = again.result.record, result.record
-    assert len(now) == len(then) and now.robot is not None and then.robot is not None
-    np.testing.assert_array_equal(now.robot.goal_ticks, then.robot.goal_ticks)
-    np.testing.assert_array_equal(now.robot.q, then.robot.q)
-    np.testing.assert_array_equal(now.human_q, then.human_q)
-    np.testing.assert_array_equal(now.phase, then.phase)
+    assert len(now) == len(then)
+    for name in ("goal_ticks", "q", "human_q", "phase", *OF_IMU):
+        np.testing.assert_array_equal(getattr(now, name), getattr(then, name), name)
     assert again.result.state == result.state
 
 
 def test_a_run_is_reproduced_to_the_bit(plain: Recorded) -> None:
-    again = replay(plain.read())
+    again, cycles = replay(plain.read()), plain.read().cycles
     same(again, plain.result)
     assert again.changed == () and again.difference.compared == len(plain.result.record) + 1
     mentions(again.difference.lines(), len(plain.result.record))
-
-
-def test_what_the_imu_measured_is_measured_again(plain: Recorded) -> None:
-    found, again = plain.read(), replay(plain.read())
-    assert (found.cycles.imu_valid[found.cycles.read == Done.WELL]).all()
-    now, then = again.result.record, plain.result.record
-    for name in OF_IMU:
-        np.testing.assert_array_equal(getattr(now, name), getattr(then, name), name)
-    w, x, y, _ = then.imu_orientation[-1].tolist()
+    assert cycles.imu_valid[cycles.read == Done.WELL].all()
+    w, x, y, _ = plain.result.record.imu_orientation[-1].tolist()
     assert w > 0.99 and abs(y) > 0.01 and abs(x) < 1e-3  # at rest OP3 leans forward over flat soles
 
 
-def test_a_recording_without_an_imu_has_none(plain: Recorded) -> None:
-    found = plain.read()
-    old = replace(found, topics={name: rows for name, rows in found.topics.items() if name != IMU})
-    again = replay(old)
+def without(found: Recording, topic: str) -> Recording:
+    return replace(found, topics={name: rows for name, rows in found.topics.items() if name != topic})
+
+
+def test_a_recording_of_before_robots_had_an_imu_has_none(plain: Recorded) -> None:
+    again = replay(without(plain.read(), IMU))
     assert again.difference.none and np.isnan(again.result.record.imu_time).all()
 
 
-class Fallen(Operator):
-    """Reports in one tick that the robot has fallen, or fails in it."""
+class Polled(Operator):
+    """Asks in some of its ticks, counted from 0 while `states` last, for one thing, or fails in them."""
 
-    def __init__(self, *, fails: bool = False) -> None:
-        self._ticks, self._fails = iter(range(10_000)), fails
+    def __init__(self, asked: OperatorInput | None, ticks: range, *states: RunState) -> None:
+        self._asked, self._ticks, self._states, self._tick = asked, ticks, states or tuple(RunState), -1
 
     def poll(self, state: RunState | None) -> OperatorInput:
-        if next(self._ticks) != 70:
+        self._tick += state in self._states
+        if self._tick not in self._ticks or state not in self._states:
             return OperatorInput()
-        if self._fails:
+        if self._asked is None:
             raise RuntimeError("no terminal")
-        return OperatorInput(fault=(StopCause.FALLEN, "the robot has fallen: over a wire"))
-
-
-class Steers(Operator):
-    """Asks for a walk on a curve for 300 ticks of 8 ms, and then for a stand."""
-
-    def __init__(self) -> None:
-        self._ticks = iter(range(10_000))
-
-    def poll(self, state: RunState | None) -> OperatorInput:
-        walks = state is RunState.FOLLOW and next(self._ticks) < 300
-        return OperatorInput(velocity=Request(0.07, -0.0123, 0.1) if walks else Request())
+        return self._asked
 
 
 @pytest.mark.long
 def test_a_walk_that_a_stick_asked_for_is_walked_again(tmp_path: Path) -> None:
     """Without what was asked, as a recording of before has it, the robot stays where its performer stays."""
     options = RunOptions(robot="op3", steps="walk")
-    run = record(tmp_path / "run.mcap", options=options, seconds=4.5, operator=Steers())
+    curve = Polled(OperatorInput(velocity=Request(0.07, -0.0123, 0.1)), range(300), RunState.FOLLOW)
+    run = record(tmp_path / "run.mcap", options=options, seconds=4.5, operator=curve)
     found, walk = run.read(), run.result.tally.walk
     assert walk is not None and walk.steps >= 3 and walk.walked_m > 0.03
     assert walk.asked_m == pytest.approx(300 * 0.008 * np.hypot(0.07, 0.0123)), "asked by the stick"
     again = replay(found)
     same(again, run.result)
     assert again.result.tally.walk == walk
-    stands = replay(replace(found, topics={name: rows for name, rows in found.topics.items() if name != STICK}))
+    stands = replay(without(found, STICK))
     assert stands.result.tally.walk is not None and stands.result.tally.walk.steps == 0
     assert stands.difference.differ > 0
 
 
-def stopped_by_the_operator() -> Operator:
-    asked = iter(range(10_000))
-    return Asks(stop=lambda: next(asked) == 180)
+FALLEN = "the robot has fallen: over a wire"
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("operator", [Fallen(), Fallen(fails=True), stopped_by_the_operator()])
-def test_what_the_operator_asked_for_is_asked_for_again(operator: Operator, tmp_path: Path) -> None:
-    run = record(tmp_path / "run.mcap", operator=operator)
+@pytest.mark.parametrize(
+    ("asked", "tick", "reason"),
+    [
+        (OperatorInput(fault=(StopCause.FALLEN, FALLEN)), 70, FALLEN),
+        (None, 70, "no terminal"),
+        (OperatorInput(stop=ENOUGH), 180, ENOUGH),
+    ],
+)
+def test_what_the_operator_asked_for_is_asked_for_again(
+    asked: OperatorInput | None, tick: int, reason: str, tmp_path: Path
+) -> None:
+    run = record(tmp_path / "run.mcap", operator=Polled(asked, range(tick, tick + 1)))
     again = replay(run.read())
     same(again, run.result)
-    if isinstance(operator, Fallen):
-        assert again.result.reason == run.result.reason in ("the robot has fallen: over a wire", "no terminal")
+    assert run.result.reason == reason
+    assert reason == ENOUGH or again.result.reason == reason
 
 
 @pytest.mark.parametrize(
@@ -235,10 +213,16 @@ def test_a_live_run_with_a_hold_is_reproduced(tmp_path: Path) -> None:
 
 def test_the_human_alone_is_reproduced(tmp_path: Path) -> None:
     run = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"))
-    again = replay(run.read())
+    found, q = run.read(), run.result.record.human_q.copy()
+    again = replay(found)
     assert again.difference.none and again.difference.compared == len(run.result.record)
     assert again.difference.lines() == [f"all {len(run.result.record)} postures are as recorded, to the bit"]
-    np.testing.assert_array_equal(again.result.record.human_q, run.result.record.human_q)
+    np.testing.assert_array_equal(again.result.record.human_q, q)
+    assert posture_difference(found, q).none
+    q[5, 9] += 0.01
+    off = posture_difference(found, q[:-2])
+    assert (off.differ, off.absent, off.unit) == (1, 2, "m or rad")
+    assert off.most == pytest.approx(0.01, rel=1e-4) and off.where == "of q[9] in cycle 5"
 
 
 @pytest.mark.long
@@ -273,9 +257,8 @@ def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then:
     following = np.flatnonzero(cycles.phase == 1)
     assert (again.difference.first or 0) < following[0] and again.difference.differ == 0
     assert (again.difference.extra, again.difference.absent) == ((20, 0) if then == "sooner" else (0, 20))
-    last = again.result.record.robot
-    assert last is not None
-    np.testing.assert_array_equal(last.goal_ticks[again.result.record.following][-1], cycles.goal_ticks[following[-1]])
+    last = again.result.record.goal_ticks[again.result.record.following][-1]
+    np.testing.assert_array_equal(last, cycles.goal_ticks[following[-1]])
 
 
 def test_servos_are_as_far_from_their_goals_as_they_were(plain: Recorded) -> None:
@@ -286,6 +269,17 @@ def test_servos_are_as_far_from_their_goals_as_they_were(plain: Recorded) -> Non
     servos = inputs.gather(0, RunState.APPROACH, approached=False).servos
     assert servos is not None
     np.testing.assert_array_equal(servos.position, found.cycles.position[1] + 5)
+
+
+def test_another_version_is_named_and_another_processor_is_compared_to_the_bit(plain: Recorded) -> None:
+    found = plain.read()
+    assert environment_changes(found.session) == ()
+    (note,) = environment_changes(found.session.model_copy(update={"version": "0.0.1"}))
+    shows(note, "0.0.1", retarget.__version__, varies=retarget.__version__)
+    other = found.session.model_copy(update={"machine": "aarch64 (Cortex-A76)"})
+    again = replay(replace(found, session=other))
+    assert again.difference.none
+    mentions(again.difference.lines(), len(plain.result.record), "as recorded on aarch64 (Cortex-A76), to the bit")
 
 
 def test_lost_cycles_are_not_those_before_them(plain: Recorded) -> None:
@@ -301,31 +295,12 @@ def test_lost_cycles_are_not_those_before_them(plain: Recorded) -> None:
     np.testing.assert_allclose(np.diff([one.now for one in given]), whole.session.dt, atol=1e-9)
 
 
-def test_another_version_is_named(plain: Recorded) -> None:
-    session = plain.read().session
-    assert environment_changes(session) == ()
-    (note,) = environment_changes(session.model_copy(update={"version": "0.0.1"}))
-    shows(note, "0.0.1", retarget.__version__, varies=retarget.__version__)
-
-
-def test_a_recording_of_another_processor_is_compared_to_the_bit_and_says_so(plain: Recorded) -> None:
+@pytest.mark.parametrize("update", [{"joints": ("head_pan",)}, {"sensors": ("head",)}])
+def test_another_robot_or_performer_is_refused(update: dict[str, tuple[str, ...]], plain: Recorded) -> None:
     found = plain.read()
-    other = found.session.model_copy(update={"machine": "aarch64 (Cortex-A76)"})
-    again = replay(replace(found, session=other))
-    assert again.difference.none
-    mentions(again.difference.lines(), len(plain.result.record), "as recorded on aarch64 (Cortex-A76), to the bit")
-
-
-def test_another_robot_or_performer_is_refused(plain: Recorded) -> None:
-    found = plain.read()
-    for update, facts in (
-        ({"joints": ("head_pan",)}, ()),
-        ({"sensors": ("head",)}, ()),
-    ):
-        session = found.session.model_copy(update=update)
-        other = with_cycles(replace(found, session=session), found.cycles)
-        with refuses(InputError, facts), as_recorded(other, robot="op3") as configs:
-            replay(other, configs)
+    other = with_cycles(replace(found, session=found.session.model_copy(update=update)), found.cycles)
+    with refuses(InputError), as_recorded(other, robot="op3") as configs:
+        replay(other, configs)
 
 
 def test_a_run_whose_robot_still_stood_on_a_real_bus_is_over_with_its_last_cycle(tmp_path: Path) -> None:
