@@ -3,19 +3,19 @@
 import math
 import random
 from pathlib import Path
+from unittest.mock import Mock, call
 
 import pytest
 
-from emulated import StubDevice
-from hardware.dynamixel.codec import protocol2
+from emulated import PING, STATUS, numbered
 from messages import shows
 from retarget.errors import ConfigError
 from sim.emulator import fault_state
+from sim.emulator.device import Device
 from sim.emulator.fault_state import FaultPlan, FaultState, load_fault_plan, obey
 from sim.emulator.faults import MEASURED_KINDS, DelayedBytes, Direction, Fault, FaultKind, Unit, mangled, random_faults
 
 PACKET = bytes(range(40))
-PING, STATUS = protocol2.ping(1), protocol2.status(1, 0, b"\x06\x04\x26")
 
 
 def test_windows_of_time_and_cycles_begin_inside_and_end_outside() -> None:
@@ -36,7 +36,7 @@ def test_a_plan_follows_from_its_seed() -> None:
         assert set(fault.ids) <= set(range(1, 21))
 
 
-def _all(fault: Fault, packet: bytes = PACKET, seed: int = 1) -> bytes:
+def _mangled(fault: Fault, packet: bytes = PACKET, seed: int = 1) -> bytes:
     return b"".join(part.data for part in mangled(packet, [fault], random.Random(seed)))
 
 
@@ -46,10 +46,10 @@ def _bits(first: bytes, second: bytes) -> int:
 
 def test_faults_of_packets() -> None:
     assert mangled(PACKET, [Fault(FaultKind.DROP)], random.Random(1)) == []
-    assert _bits(_all(Fault(FaultKind.FLIP)), PACKET) == 1
-    assert _all(Fault(FaultKind.DUPLICATE)) == PACKET + PACKET
+    assert _bits(_mangled(Fault(FaultKind.FLIP)), PACKET) == 1
+    assert _mangled(Fault(FaultKind.DUPLICATE)) == PACKET + PACKET
     assert mangled(PACKET, [Fault(FaultKind.LATE, value=0.5)], random.Random(1)) == [DelayedBytes(0.5, PACKET)]
-    noisy = _all(Fault(FaultKind.NOISE, value=6.0))
+    noisy = _mangled(Fault(FaultKind.NOISE, value=6.0))
     assert noisy.endswith(PACKET) and 1 <= len(noisy) - len(PACKET) <= 6
     storm = Fault(FaultKind.CRC_STORM)
     for storms in ([storm], [storm, storm]):  # two leave a packet as wrong as one
@@ -60,18 +60,18 @@ def test_faults_of_packets() -> None:
 
 
 def test_faults_of_bytes() -> None:
-    assert _all(Fault(FaultKind.DROP, of=Unit.BYTES)) == b""
-    assert _bits(_all(Fault(FaultKind.FLIP, of=Unit.BYTES)), PACKET) == len(PACKET)
-    assert _all(Fault(FaultKind.DUPLICATE, of=Unit.BYTES)) == bytes(byte for byte in PACKET for _ in range(2))
+    assert _mangled(Fault(FaultKind.DROP, of=Unit.BYTES)) == b""
+    assert _bits(_mangled(Fault(FaultKind.FLIP, of=Unit.BYTES)), PACKET) == len(PACKET)
+    assert _mangled(Fault(FaultKind.DUPLICATE, of=Unit.BYTES)) == bytes(byte for byte in PACKET for _ in range(2))
     late = mangled(PACKET[:3], [Fault(FaultKind.LATE, of=Unit.BYTES, value=0.5)], random.Random(1))
     assert late == [DelayedBytes(0.5, PACKET[:1]), DelayedBytes(0.5, PACKET[1:2]), DelayedBytes(0.5, PACKET[2:3])]
-    assert len(_all(Fault(FaultKind.NOISE, of=Unit.BYTES))) > len(PACKET)
+    assert len(_mangled(Fault(FaultKind.NOISE, of=Unit.BYTES))) > len(PACKET)
     some = Fault(FaultKind.FLIP, rate=0.3, of=Unit.BYTES)
-    assert _all(some, seed=5) == _all(some, seed=5) != _all(some, seed=6)
+    assert _mangled(some, seed=5) == _mangled(some, seed=5) != _mangled(some, seed=6)
 
 
-def test_devices_are_hurt_once_and_healed_once() -> None:
-    first, second = StubDevice(id=1), StubDevice(id=2)
+def test_faults_of_devices_begin_once_and_end_once() -> None:
+    first, second = (Mock(spec=Device, id=number) for number in (1, 2))
     state = FaultState(
         [first, second],
         faults=[
@@ -82,12 +82,16 @@ def test_devices_are_hurt_once_and_healed_once() -> None:
     )
     for tenth in range(60):
         state.update(tenth / 10)
-    assert first.handles == [("heat", 85.0), ("heat", None), ("supply", 4.0), ("supply", None)]
-    assert second.handles == [("supply", 4.0), ("jam", True), ("supply", None), ("jam", False)]
+    low, usual = call.supply(4.0, 3.0), call.supply(None, 4.0)
+    assert first.mock_calls == [call.heat(85.0, 1.0), call.heat(None, 2.0), low, usual]
+    assert second.mock_calls == [low, call.jam(True, 3.5), usual, call.jam(False, 5.0)]
+    state.add(Fault(FaultKind.OVER_TEMPERATURE, ids=(1,)), 4.0)
+    state.clear(3.0)
+    assert [one.args[1] for one in first.heat.call_args_list[2:]] == [5.9, 5.9], "time never goes back"
 
 
 def test_faults_that_are_added_count_from_then_up_to_a_most_and_without_ids_all_are_meant() -> None:
-    state = FaultState([StubDevice(id=5), StubDevice(id=6)], origin=100.0)
+    state = FaultState([numbered(5), numbered(6)], origin=100.0)
     assert state.add(Fault(FaultKind.MISSING, start=1.0, end=2.0), 200.0)
     seen = []
     for now in (200.5, 201.5, 202.5):
@@ -108,20 +112,6 @@ def test_directions_and_ids() -> None:
     assert (len(state.to_servos(PING)), state.to_host(1, STATUS), len(state.to_host(2, STATUS))) == (1, [], 1)
 
 
-def test_devices_never_see_time_go_back() -> None:
-    times: list[float] = []
-
-    class Watch(StubDevice):
-        def heat(self, celsius: float | None, now: float) -> None:
-            times.append(now)
-
-    state = FaultState([Watch()])
-    state.update(5.0)
-    state.add(Fault(FaultKind.OVER_TEMPERATURE), 4.0)
-    state.clear(3.0)
-    assert times == [5.0, 5.0]
-
-
 # Files.
 
 
@@ -131,7 +121,7 @@ def _load(tmp_path: Path, text: str) -> FaultPlan:
     return load_fault_plan(path, {"left": [1, 2, 3], "right": [4, 5]})
 
 
-def test_everything_that_can_be_said(tmp_path: Path) -> None:
+def test_a_file_has_every_kind_and_key(tmp_path: Path) -> None:
     for kind in FaultKind:
         assert _load(tmp_path, f"faults: [{{fault: {kind.value}}}]") == FaultPlan(faults=(Fault(kind),))
     text = """
@@ -140,16 +130,8 @@ faults:
   - {fault: drop, ids: [5], rate: 0.5, of: bytes, direction: to_host, from_cycle: 2, to_cycle: 4, bus: right}
   - {fault: under_voltage, start: 1, end: 2.5, value: 6.1}
 """
-    drop = Fault(
-        FaultKind.DROP,
-        ids=(5,),
-        rate=0.5,
-        of=Unit.BYTES,
-        direction=Direction.TO_HOST,
-        from_cycle=2,
-        to_cycle=4,
-        bus="right",
-    )
+    where = {"ids": (5,), "direction": Direction.TO_HOST, "bus": "right"}
+    drop = Fault(FaultKind.DROP, rate=0.5, of=Unit.BYTES, from_cycle=2, to_cycle=4, **where)
     sag = Fault(FaultKind.UNDER_VOLTAGE, start=1.0, end=2.5, value=6.1)
     plan = _load(tmp_path, text)
     assert plan == FaultPlan(faults=(drop, sag), seed=7)
@@ -181,7 +163,7 @@ BUSES = {"left": [1, 2], "right": [5]}
 
 @pytest.fixture
 def states() -> dict[str, FaultState]:
-    return {name: FaultState([StubDevice(id=device) for device in ids]) for name, ids in BUSES.items()}
+    return {name: FaultState([*map(numbered, ids)]) for name, ids in BUSES.items()}
 
 
 def _obey(line: str, states: dict[str, FaultState], now: float = 10.0) -> str:
@@ -216,6 +198,6 @@ def test_a_typed_fault_begins_where_its_ids_are_and_is_cleared(states: dict[str,
         ("x" * 5000, "unknown fault"),
     ],
 )
-def test_bad_words_change_nothing_and_say_why(states: dict[str, FaultState], line: str, answer: str) -> None:
+def test_bad_words_change_nothing_and_have_a_reason(states: dict[str, FaultState], line: str, answer: str) -> None:
     assert answer in _obey(line, states)
     assert all(state.active == () for state in states.values())

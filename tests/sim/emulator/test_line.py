@@ -9,15 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import more_frames
-from emulated import StubDevice
+from emulated import PING, STATUS, numbered, servo1
 from hardware.clock import VirtualClock
-from hardware.dynamixel.codec import (
-    BROADCAST,
-    CODECS,
-    Instruction,
-    protocol1,
-    protocol2,
-)
+from hardware.dynamixel.codec import BROADCAST, CODECS, Instruction, protocol1, protocol2
 from sim.emulator import line as line_module
 from sim.emulator.conversation import (
     Conduct,
@@ -31,16 +25,16 @@ from sim.emulator.conversation import (
     writes1,
     writes2,
 )
+from sim.emulator.device import Device
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import Line, LineTiming
 from sim.emulator.ports import EmulatedPort
 
 FOREVER = 1e9
-PING, STATUS = protocol2.ping(1), protocol2.status(1, 0, b"\x06\x04\x26")
 
 
-def _line(*devices: StubDevice, timing: LineTiming | None = None, faults: tuple[Fault, ...] = ()) -> Line:
+def _line(*devices: Device, timing: LineTiming | None = None, faults: tuple[Fault, ...] = ()) -> Line:
     state = FaultState(devices, faults=faults)
     return Line(devices, timing=timing or LineTiming.none(), faults=state)
 
@@ -51,11 +45,11 @@ def _ask(line: Line, data: bytes, now: float = 0.0) -> bytes:
 
 
 def test_a_frame_in_pieces_is_received_behind_garbage_and_dropped_after_a_pause() -> None:
-    line = _line(StubDevice())
+    line = _line(numbered())
     for byte in b"\xff\xff\xfd\x00\x01" + PING:
         line.receive(bytes((byte,)), 0.0)
     assert line.take(0.0) == STATUS
-    line = _line(StubDevice(), timing=LineTiming())
+    line = _line(numbered(), timing=LineTiming())
     line.receive(PING[:5], 0.0)
     assert _ask(line, PING[5:], 0.0014) == STATUS
     line.receive(PING[:5], 1.0)
@@ -64,28 +58,26 @@ def test_a_frame_in_pieces_is_received_behind_garbage_and_dropped_after_a_pause(
 
 
 def test_only_devices_at_about_the_hosts_rate_that_have_started_receive_it() -> None:
-    slow, fast, nearly = StubDevice(id=1), StubDevice(id=2, baud=1_000_000), StubDevice(id=3, baud=57142)
-    starts = StubDevice(id=4, boots=True)
-    line = _line(slow, fast, nearly, starts)
-    replies = [_ask(line, protocol2.ping(device)) for device in (1, 2, 3, 4)]
-    assert [bool(reply) for reply in replies] == [True, False, True, False] and starts.heard == []
-    line.baud = 1_000_000
-    assert _ask(line, PING) == b"" and _ask(line, protocol2.ping(2)) == protocol2.status(2, 0, b"\x06\x04\x26")
-    assert (len(slow.heard), len(fast.heard)) == (4, 2)
+    starts = numbered(3)
+    starts.power_cut(0.0)
+    line = _line(numbered(1), numbered(2, baud=1_000_000), starts)
+    at = {57600: [True, False, False], 57142: [True, False, False], 1_000_000: [False, True, False]}
+    for line.baud, answers in at.items():
+        assert [bool(_ask(line, protocol2.ping(device))) for device in (1, 2, 3)] == answers
 
 
 def test_sending_into_an_answer_spoils_both() -> None:
-    device = StubDevice()
+    device = numbered()
     line = _line(device, timing=LineTiming())
     line.receive(PING, 0.0)
-    heard = _ask(line, PING, 10 * 10 / 57600 + 0.0005)
-    assert len(device.done) == 1
-    assert len(heard) == len(STATUS) and protocol2.parser().feed(heard) == []
+    answer = _ask(line, protocol2.write(1, 65, b"\1"), 10 * 10 / 57600 + 0.0005)
+    assert device.memory.value("led") == 0
+    assert len(answer) == len(STATUS) and protocol2.parser().feed(answer) == []
     assert _ask(line, PING, 1.0) == STATUS
 
 
 def test_a_host_that_never_reads_costs_no_memory() -> None:
-    line = _line(StubDevice())
+    line = _line(numbered())
     for index in range(line_module.MAX_WAITING // len(STATUS) + 10):
         line.receive(PING, float(index))
     assert line.lost >= 9 * len(STATUS) and len(line.take(FOREVER)) <= line_module.MAX_WAITING
@@ -94,7 +86,7 @@ def test_a_host_that_never_reads_costs_no_memory() -> None:
 @settings(max_examples=100)
 @given(st.lists(st.binary(max_size=40), max_size=6))
 def test_noise_harms_no_device_and_the_next_frame_is_received(noise: list[bytes]) -> None:
-    line = _line(StubDevice(id=1, store=bytearray(70000)), StubDevice(id=1, protocol=1), timing=LineTiming())
+    line = _line(numbered(), servo1(), timing=LineTiming())
     for index, data in enumerate(noise):
         line.receive(data, float(index))
     line.take(FOREVER)
@@ -102,14 +94,9 @@ def test_noise_harms_no_device_and_the_next_frame_is_received(noise: list[bytes]
 
 
 def test_a_dead_line_an_echo_and_a_lost_adapter() -> None:
-    line = _line(
-        StubDevice(),
-        faults=(
-            Fault(FaultKind.SHORT, start=1.0, end=2.0, value=4.0),
-            Fault(FaultKind.ECHO, start=2.0, end=3.0),
-            Fault(FaultKind.UNPLUG, start=3.0, end=4.0),
-        ),
-    )
+    short = Fault(FaultKind.SHORT, start=1.0, end=2.0, value=4.0)
+    echo, unplug = Fault(FaultKind.ECHO, start=2.0, end=3.0), Fault(FaultKind.UNPLUG, start=3.0, end=4.0)
+    line = _line(numbered(), faults=(short, echo, unplug))
     assert _ask(line, PING, 0.5) == STATUS
     assert len(_ask(line, PING, 1.5)) == 4
     assert _ask(line, PING, 2.5) == PING + STATUS
@@ -119,7 +106,7 @@ def test_a_dead_line_an_echo_and_a_lost_adapter() -> None:
 
 
 def test_what_comes_together_ends_at_its_last_byte() -> None:
-    line = _line(*(StubDevice(id=index) for index in (1, 2, 3)), timing=LineTiming())
+    line = _line(*map(numbered, (1, 2, 3)), timing=LineTiming())
     assert line.last_due_within(1.0) is None
     line.receive(protocol2.sync_read(0, 1, [1, 2, 3]), 0.0)
     first = line.next_due
@@ -163,7 +150,7 @@ def test_cycle_times_are_those_of_the_table(
     found = []
     for baud in BAUDS[: len(each_ms)]:
         clock = VirtualClock(3.0)
-        devices = [StubDevice(id=index, baud=baud, return_delay=return_delay) for index in ids]
+        devices = [numbered(index, baud=baud, return_delay=return_delay) for index in ids]
         port = EmulatedPort(Line(devices, timing=timing), clock)
         port.open(baud)
         port.write(protocol2.sync_write(116, 4, [(index, bytes(4)) for index in ids]))
@@ -180,23 +167,14 @@ def test_cycle_times_are_those_of_the_table(
 # Replies of devices: addresses, order, gaps, fast replies, two devices of one id, damaged instructions.
 
 
-def _said(
-    data: bytes, devices: Sequence[StubDevice], gaps: Gaps = Gaps.SILENCE, silent: tuple[int, ...] = (), seed: int = 0
+def _replies(
+    data: bytes, devices: Sequence[Device], gaps: Gaps = Gaps.SILENCE, silent: tuple[int, ...] = ()
 ) -> list[Reply]:
     (frame,) = CODECS[devices[0].protocol].parser().feed(data)
-    return Conversation(conduct=Conduct(gaps=gaps), noise=random.Random(seed)).answers(
-        frame, devices, 1.0, silent=silent
-    )
+    return Conversation(conduct=Conduct(gaps=gaps), noise=random.Random(0)).answers(frame, devices, 1.0, silent=silent)
 
 
-def _row(*ids: int, protocol: int = 2) -> list[StubDevice]:
-    devices = [StubDevice(id=device, protocol=protocol) for device in ids]
-    for device in devices:
-        device.store[132:136] = bytes((device.id, 0, 0, 0))
-    return devices
-
-
-def _who(replies: Sequence[Reply]) -> list[int]:
+def _ids(replies: Sequence[Reply]) -> list[int]:
     return [reply.id for reply in replies]
 
 
@@ -205,12 +183,12 @@ def _joined(replies: Sequence[Reply]) -> bytes:
 
 
 def test_a_broadcast_ping_is_answered_in_order_of_ids_and_the_rest_is_obeyed_in_silence() -> None:
-    assert _who(_said(protocol2.ping(BROADCAST), _row(7, 3, 5))) == [3, 5, 7]
-    devices = _row(1, 2)
-    assert _said(protocol2.write(BROADCAST, 64, b"\x01"), devices) == []
-    assert [device.store[64] for device in devices] == [1, 1]
-    assert _said(more_frames.reboot(BROADCAST), devices) == []
-    assert [device.done[-1] for device in devices] == [(Instruction.REBOOT, b"", True, False)] * 2
+    assert _ids(_replies(protocol2.ping(BROADCAST), [*map(numbered, (7, 3, 5))])) == [3, 5, 7]
+    devices = numbered(1), numbered(2)
+    assert _replies(protocol2.write(BROADCAST, 64, b"\x01"), devices) == []
+    assert [device.memory.value("torque_enable") for device in devices] == [1, 1]
+    assert _replies(more_frames.reboot(BROADCAST), devices) == []
+    assert all(device.booting(1.0) for device in devices)
 
 
 @pytest.mark.parametrize(
@@ -223,29 +201,29 @@ def test_a_broadcast_ping_is_answered_in_order_of_ids_and_the_rest_is_obeyed_in_
     ],
 )
 def test_a_gap_silences_those_behind_it_or_is_skipped(request_: bytes, ids: tuple[int, ...]) -> None:
-    assert _who(_said(request_, _row(*ids), silent=(3,))) == [1]
-    assert _who(_said(request_, _row(*ids), Gaps.SKIP, silent=(3,))) == [1, 2]
-    assert _who(_said(protocol2.ping(ids[-1]), _row(*ids), silent=(3,))) == [ids[-1]]
+    devices = [*map(numbered, ids)]
+    assert _ids(_replies(request_, devices, silent=(3,))) == [1]
+    assert _ids(_replies(request_, devices, Gaps.SKIP, silent=(3,))) == [1, 2]
+    assert _ids(_replies(protocol2.ping(ids[-1]), devices, silent=(3,))) == [ids[-1]]
 
 
 def test_the_fast_reply_of_the_manual() -> None:
-    devices = _row(3, 4, 7)
-    for device, value in zip(devices, (166, 1023, 2079), strict=True):
-        device.store[132:136] = value.to_bytes(4, "little")
-    replies = _said(protocol2.sync_read(132, 4, [3, 7, 4], fast=True), devices)
+    devices = [numbered(own, position=at) for own, at in ((3, 166.0), (4, 1023.0), (7, 2079.0))]
+    replies = _replies(protocol2.sync_read(132, 4, [3, 7, 4], fast=True), devices)
     expected = "FFFFFD00FE1900550003A6000000840800071F08000016CA0004FF030000D19E"
     assert _joined(replies) == bytes.fromhex(expected)
     assert [reply.return_delay for reply in replies] == [0.0, None, None]
 
 
 def test_protocol_1_has_bulk_read_and_sync_write() -> None:
-    devices = _row(1, 2, protocol=1)
-    devices[1].store[36] = 9
+    first, second, old = servo1(position=0.0), servo1(position=9.0), servo1("AX-12A", position=0.0)
+    second.id = 2
     request = protocol1.bulk_read([(2, 36, 2), (1, 36, 1)])
-    assert _joined(_said(request, devices)) == protocol1.status(2, 0, b"\x09\0") + protocol1.status(1, 0, b"\0")
-    assert _said(protocol1.sync_write(30, 1, [(1, b"\x07")]), devices) == [] and devices[0].store[30] == 7
-    devices[0].model = "AX-12A"  # knows no bulk read
-    assert _who(_said(request, devices)) == [2]
+    both = protocol1.status(2, 0, b"\x09\0") + protocol1.status(1, 0, b"\0")
+    assert _joined(_replies(request, [first, second])) == both
+    assert _replies(protocol1.sync_write(25, 1, [(1, b"\1")]), [first, second]) == []
+    assert (first.memory.value("led"), second.memory.value("led")) == (1, 0)
+    assert _ids(_replies(request, [old, second])) == [2]  # an AX knows no bulk read
 
 
 IDS = st.integers(0, 252)

@@ -13,9 +13,8 @@ from unittest.mock import Mock
 import pytest
 from serial import Serial
 
-from emulated import StubDevice, serving
+from emulated import PING, STATUS, numbered, serving
 from hardware.clock import MonotonicClock, VirtualClock
-from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.serial_port import BytePort
 from hardware.errors import BusError, HardwareError
 from messages import refuses
@@ -26,7 +25,7 @@ from sim.emulator.line import Line, LineTiming
 from sim.emulator.ports import EmulatedPort, Link, PseudoTerminal, serve
 
 
-def test_it_is_made_moved_and_taken_away(tmp_path: Path) -> None:
+def test_a_link_is_made_moved_and_removed(tmp_path: Path) -> None:
     link = Link(tmp_path / "servos")
     link.path.symlink_to("/dev/pts/99999")  # an emulator that was killed left it
     for target in ("/dev/pts/71", "/dev/pts/72"):
@@ -56,7 +55,7 @@ def test_the_link_of_a_living_emulator_is_left_to_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["file", "folder", "link", "dangling"])
-def test_nothing_else_is_ever_replaced(tmp_path: Path, kind: str) -> None:
+def test_a_link_replaces_nothing_else(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "servos"
     if kind == "file":
         path.write_text("mine")
@@ -73,20 +72,13 @@ def test_nothing_else_is_ever_replaced(tmp_path: Path, kind: str) -> None:
         Link(tmp_path / "none" / "servos").check()
 
 
-PING = protocol2.ping(1)
-STATUS = protocol2.status(1, 0, b"\x06\x04\x26")
 BAUD = 1_000_000
-
-
-def _port(clock: VirtualClock, timing: LineTiming | None = None, baud: int = BAUD) -> EmulatedPort:
-    port = EmulatedPort(Line([StubDevice(baud=BAUD)], timing=timing), clock)
-    port.open(baud)
-    return port
 
 
 def test_a_ping_is_answered_after_wire_time_and_latency() -> None:
     clock = VirtualClock(5.0)
-    port: BytePort = _port(clock)
+    port: BytePort = EmulatedPort(Line([numbered(baud=BAUD)]), clock)
+    port.open(BAUD)
     port.write(PING)
     assert port.read() == b"" and port.wait(6.0)
     assert clock.now() == pytest.approx(5.0 + 10e-6 * (10 + 14) + 20e-6 + 1e-3)
@@ -96,22 +88,8 @@ def test_a_ping_is_answered_after_wire_time_and_latency() -> None:
     assert not port.wait(6.2505) and port.wait(7.0)  # an answer behind the deadline is not there yet
 
 
-def test_a_port_refuses_what_cannot_be() -> None:
-    port = _port(VirtualClock())
-    with refuses(BusError):
-        port.open(57600)
-    with refuses(BusError):
-        port.set_baud(0)
-    port.close()
-    port.close()
-    for use in (port.read, port.drop, lambda: port.write(b"x"), lambda: port.wait(1.0), lambda: port.set_baud(9600)):
-        with refuses(BusError):
-            use()
-
-
-def test_a_lost_adapter_raises_and_is_opened_again_when_it_is_back() -> None:
-    clock = VirtualClock()
-    devices = [StubDevice(baud=BAUD)]
+def test_a_lost_adapter_raises_and_is_opened_again_when_it_is_back_and_a_port_is_used_while_it_is_open() -> None:
+    clock, devices = VirtualClock(), [numbered(baud=BAUD)]
     state = FaultState(devices, faults=[Fault(FaultKind.UNPLUG, start=1.0, end=2.0)])
     port = EmulatedPort(Line(devices, faults=state), clock)
     port.open(BAUD)
@@ -124,42 +102,46 @@ def test_a_lost_adapter_raises_and_is_opened_again_when_it_is_back() -> None:
     port.open(BAUD)
     port.write(PING)
     assert port.wait(3.0) and port.read() == STATUS
+    with refuses(BusError):
+        port.open(57600)
+    with refuses(BusError):
+        port.set_baud(0)
+    port.close()
+    port.close()
+    for use in (port.read, port.drop, lambda: port.write(b"x"), lambda: port.wait(1.0), lambda: port.set_baud(9600)):
+        with refuses(BusError):
+            use()
 
 
 def _terminal(
-    path: Path,
-    *,
-    baud: int = BAUD,
-    timing: LineTiming | None = None,
-    faults: tuple[Fault, ...] = (),
-    origin: float = 0.0,
+    path: Path, *, timing: LineTiming | None = None, faults: tuple[Fault, ...] = (), origin: float = 0.0
 ) -> PseudoTerminal:
     """Three devices behind a link that is not made yet. timing: None: nothing takes time."""
-    devices = [StubDevice(id=index, baud=baud) for index in (1, 2, 3)]
+    devices = [numbered(index, baud=BAUD) for index in (1, 2, 3)]
     state = FaultState(devices, faults=faults, origin=origin)
     return PseudoTerminal(Line(devices, timing=timing or LineTiming.none(), faults=state), Link(path))
 
 
 @contextmanager
-def _opened(terminal: PseudoTerminal, baud: int = BAUD, timeout: float = 0.5) -> Iterator[Serial]:
+def _opened(terminal: PseudoTerminal, timeout: float = 0.5) -> Iterator[Serial]:
     """A client of a terminal that is open meanwhile."""
     terminal.open()
     try:
-        with Serial(str(terminal.link.path), baud, timeout=timeout) as client:
+        with Serial(str(terminal.link.path), BAUD, timeout=timeout) as client:
             yield client
     finally:
         terminal.close()
 
 
 def test_bytes_pass_as_they_are(tmp_path: Path) -> None:
-    every, heard, terminal = bytes(range(256)), list[bytes](), _terminal(tmp_path / "servos")
-    terminal.line.receive = lambda data, now: heard.append(data)  # type: ignore[method-assign]
+    every, received, terminal = bytes(range(256)), list[bytes](), _terminal(tmp_path / "servos")
+    terminal.line.receive = lambda data, now: received.append(data)  # type: ignore[method-assign]
     with _opened(terminal) as client:
         client.write(every)
         terminal.receive(0.0)
         os.write(terminal.fd, every)
         assert client.read(256) == every
-    assert b"".join(heard) == every
+    assert b"".join(received) == every
 
 
 def test_a_client_may_come_again_even_after_it_locked_the_port(tmp_path: Path) -> None:
@@ -178,9 +160,9 @@ def test_a_client_may_come_again_even_after_it_locked_the_port(tmp_path: Path) -
     terminal.close()
 
 
-def _asked_twice(folder: Path, *, late: float, answered: float = 0.01) -> tuple[bytes, float]:
-    """What a client gets that asks twice in 5 ms, of an emulator that is `late` s late and sends at `answered`, s; and
-    by how much the emulator says that it was too late."""
+def _pinged_twice(folder: Path, *, late: float, answered: float = 0.01) -> tuple[bytes, float]:
+    """What a client receives that pings twice in 5 ms, from an emulator that is `late` s late and sends at `answered`,
+    s; and by how much the emulator was too late, s."""
     terminal, held = _terminal(folder / "servos", timing=LineTiming()), array.array("i", [0])
     with _opened(terminal, timeout=0.05) as client:
         client.write(2 * PING)
@@ -193,11 +175,11 @@ def _asked_twice(folder: Path, *, late: float, answered: float = 0.01) -> tuple[
 
 
 def test_a_client_that_does_not_wait_collides_but_a_late_emulator_damages_no_answer(tmp_path: Path) -> None:
-    got, too_late = _asked_twice(tmp_path, late=0.0)
+    got, too_late = _pinged_twice(tmp_path, late=0.0)
     assert len(got) == len(STATUS) and got != STATUS and too_late == 0.0
     # The client had waited for the first answer; both requests waited for the emulator.
-    assert _asked_twice(tmp_path, late=0.005) == (2 * STATUS, 0.005)
-    _, too_late = _asked_twice(tmp_path, late=0.0, answered=1.0)
+    assert _pinged_twice(tmp_path, late=0.005) == (2 * STATUS, 0.005)
+    _, too_late = _pinged_twice(tmp_path, late=0.0, answered=1.0)
     assert too_late == pytest.approx(1.0 - 0.00626, abs=1e-4)
 
 

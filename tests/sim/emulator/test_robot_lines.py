@@ -33,7 +33,7 @@ def _line(conduct: Conduct | None) -> Line:
     return lines["main"]
 
 
-def _ask(line: Line, data: bytes, now: float) -> bytes:
+def _answer(line: Line, data: bytes, now: float) -> bytes:
     line.receive(data, now)
     return line.take(now)
 
@@ -48,14 +48,14 @@ def _ask(line: Line, data: bytes, now: float) -> bytes:
         (FedBy.OWN, protocol2.write(200, 25, b"\0"), True),  # its secondary id
     ],
 )
-def test_what_feeds_the_bus_watchdog(fed_by: FedBy, packet: bytes, feeds: bool) -> None:
+def test_a_frame_feeds_the_bus_watchdog_of_its_servo_or_of_any(fed_by: FedBy, packet: bytes, feeds: bool) -> None:
     line = _line(Conduct(fed_by=fed_by))
     for address, value in ((12, 200), (WATCHDOG, 5), (TORQUE, 1)):
-        assert _ask(line, protocol2.write(1, address, bytes((value,))), 0.0) == protocol2.status(1)
+        assert _answer(line, protocol2.write(1, address, bytes((value,))), 0.0) == protocol2.status(1)
     for step in range(1, 11):
-        _ask(line, packet, 0.05 * step)
+        _answer(line, packet, 0.05 * step)
     trip = protocol2.status(1, 0, b"\x05" if feeds else b"\xff")
-    assert _ask(line, more_frames.read(1, WATCHDOG, 1), 0.55) == trip
+    assert _answer(line, more_frames.read(1, WATCHDOG, 1), 0.55) == trip
 
 
 @pytest.mark.parametrize("powered", [True, False])
@@ -68,15 +68,15 @@ def test_the_servos_of_a_robot_stand_and_answer_once_its_switch_is_on(powered: b
     (line,) = lines.values()
     assert list(lines) == ["main"] and [device.id for device in line.devices] == [*(one.id for one in servos), 200]
     if not powered:
-        assert _ask(line, protocol2.ping(1), 5.0) == b""
-        assert _ask(line, protocol2.write(200, 24, b"\x01"), 5.0) == protocol2.status(200)
-        assert _ask(line, protocol2.ping(1), 5.01) == b""
+        assert _answer(line, protocol2.ping(1), 5.0) == b""
+        assert _answer(line, protocol2.write(200, 24, b"\x01"), 5.0) == protocol2.status(200)
+        assert _answer(line, protocol2.ping(1), 5.01) == b""
     for servo, tick in zip(servos, start, strict=True):
         status = protocol2.status(servo.id, 0, int(tick).to_bytes(4, "little", signed=True))
-        assert _ask(line, more_frames.read(servo.id, 132, 4), 6.0) == status
+        assert _answer(line, more_frames.read(servo.id, 132, 4), 6.0) == status
 
 
-def test_they_are_as_the_profile_says() -> None:
+def test_devices_are_as_the_profile_says_or_refused() -> None:
     x_series, ax = four_servos()[0], replace(four_servos()[3], bus="old")
     wound = replace(x_series, id=8, mode=ServoMode.EXTENDED_POSITION, homing_offset=2000)
     first, second, third = devices_of(
@@ -93,9 +93,6 @@ def test_they_are_as_the_profile_says() -> None:
     assert [device.shaft.position for device in (first, second, third)] == [1000.0, 9000.0, 300.0]
     assert second.memory.value("goal_position") == 9000 and second.memory.value("operating_mode") == 4
     assert first.electrics.voltage == second.electrics.voltage < 12.0
-
-
-def test_what_a_model_lacks_is_said() -> None:
     with refuses(HardwareError, 4500000):
         devices_of(four_servos()[3:], protocols={"main": 1}, bauds={"main": 4_500_000})
     with refuses(HardwareError):

@@ -37,7 +37,7 @@ def _registered(servo: EmulatedServo1, address: int, data: bytes) -> None:
         (30, (1024).to_bytes(2, "little"), 0),  # refused
     ],
 )
-def test_what_reaches_goal_or_speed_switches_torque_on(
+def test_a_write_to_goal_or_speed_switches_torque_on(
     write: Callable[[EmulatedServo1, int, bytes], None], address: int, data: bytes, torque: int
 ) -> None:
     servo = servo1("AX-12A", position=512.0)
@@ -74,13 +74,6 @@ def test_an_overload_takes_the_torque_until_its_registers_are_written_again() ->
     assert read_register(servo, "present_position", 6.0) == 3000
 
 
-def test_moving_speed_slows_down() -> None:
-    servo = servo1(position=0.0)
-    wrote(servo, moving_speed=100, torque_enable=1, goal_position=4000)  # 11.4 rpm
-    position, speed = shown(servo, 2.0, "present_position", "present_speed")
-    assert position == pytest.approx(2 * 11.4 / 60 * 4096, rel=0.08) and speed == pytest.approx(100, abs=1)
-
-
 @pytest.mark.parametrize(
     ("address", "data", "error"),
     [
@@ -98,7 +91,7 @@ def test_a_bad_write_changes_nothing(address: int, data: bytes, error: Error1) -
     assert bytes(servo.memory.image) == before
 
 
-def test_instructions_registered_writes_and_the_lock() -> None:
+def test_instructions_registered_writes_the_lock_a_reset_and_the_status_return_level() -> None:
     servo = servo1()
     for code in (Instruction.REBOOT, Instruction.CLEAR, 0x84, Instruction.SYNC_READ, Instruction.ACTION):
         assert answered(servo, code) == (Error1.INSTRUCTION, b"")
@@ -109,21 +102,19 @@ def test_instructions_registered_writes_and_the_lock() -> None:
     wrote(servo, id=5, lock=1)
     assert {write_register(servo, name, value) for name, value in (("id", 6), ("lock", 0))} == {Error1.RANGE}
     assert servo.id == 5
-
-
-def test_wheel_and_multi_turn() -> None:
-    wheel, turns = servo1(), servo1()
-    wrote(wheel, ccw_angle_limit=0, torque_enable=1, moving_speed=-200)
-    assert read_register(wheel, "present_speed", 1.0) == -200
-    wrote(turns, cw_angle_limit=4095, torque_enable=1, goal_position=9000)
-    assert read_register(turns, "present_position", 20.0) == 9000
-
-
-def test_factory_reset_and_status_return_level() -> None:
-    servo = servo1()
-    wrote(servo, id=9)
     assert answered(servo, Instruction.FACTORY_RESET) == (0, b"")
     assert servo.id == 1 and servo.booting(0.1)
     servo.write(16, b"\0", 1.0)
     assert servo.execute(Instruction.READ, b"\x24\2", 1.0, broadcast=False) is None
     assert answered(servo, Instruction.PING, b"", 1.0) == (0, b"") and not servo.answers_reads
+
+
+def test_moving_speed_slows_down_and_limits_make_a_wheel_or_many_turns() -> None:
+    slow, wheel, turns = servo1(position=0.0), servo1(), servo1()
+    wrote(slow, moving_speed=100, torque_enable=1, goal_position=4000)  # 11.4 rpm
+    position, speed = shown(slow, 2.0, "present_position", "present_speed")
+    assert position == pytest.approx(2 * 11.4 / 60 * 4096, rel=0.08) and speed == pytest.approx(100, abs=1)
+    wrote(wheel, ccw_angle_limit=0, torque_enable=1, moving_speed=-200)
+    assert read_register(wheel, "present_speed", 1.0) == -200
+    wrote(turns, cw_angle_limit=4095, torque_enable=1, goal_position=9000)
+    assert read_register(turns, "present_position", 20.0) == 9000

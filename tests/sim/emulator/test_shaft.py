@@ -7,32 +7,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bus_rig import specs
 from emulated import read_register, servo2, wrote
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
 from hardware.dynamixel.codec import Error2, Instruction
 from hardware.dynamixel.opencr import ID, NUMBER
-from hardware.servo import ServoSpec, find_model
 from sim.emulator.controller import EmulatedController
 from sim.emulator.power import ServoElectrics, Supply
 from sim.emulator.robot_lines import devices_of
-from sim.emulator.shaft import (
-    ProfilePath,
-    Shaft,
-    path_by_time,
-    path_by_velocity,
-)
+from sim.emulator.shaft import ProfilePath, Shaft, path_by_time, path_by_velocity
 from sim.mock_bus import MockBus
 from sim.servo_model import IDLE_CURRENT, LARGEST_CURRENT, SUPPLY_RESISTANCE
 
 
 def test_the_plain_case_is_the_mock_bus() -> None:
-    count = 4
-    specs = [
-        ServoSpec(f"j{k}", k + 1, find_model("XM430-W350"), "main", 1, 2048, -1.5, 1.5, 4.0, 40.0) for k in range(4)
-    ]
+    count, servos = 4, specs(4)
     clock, rng = VirtualClock(), np.random.default_rng(5)
-    mock, devices = MockBus(specs, clock), devices_of(specs, protocols={"main": 2})
+    mock, devices = MockBus(servos, clock), devices_of(servos, protocols={"main": 2})
     mock.open()
     mock.write(ServoGoals(np.full(count, 2048)))
     mock.torque(True)
@@ -68,7 +60,9 @@ def test_the_stepped_motion_is_near_the_exact_one() -> None:
     ("registers", "volts", "share", "pwm"),
     [({"goal_pwm": 177}, None, 0.2, 177), ({}, 10.0, 10.0 / 12.0, 885), ({"position_p_gain": 0}, None, 0.0, 0)],
 )
-def test_what_slows_down(registers: dict[str, int], volts: float | None, share: float, pwm: int) -> None:
+def test_goal_pwm_supply_and_gain_slow_a_servo_down(
+    registers: dict[str, int], volts: float | None, share: float, pwm: int
+) -> None:
     servo = servo2(position=0.0)
     servo.supply(volts, 0.0)
     wrote(servo, **registers, torque_enable=1, goal_position=4000)
@@ -88,7 +82,7 @@ def test_goal_current_gives_way_in_mode_5() -> None:
     assert read_register(servo, "present_position", 12.0) == 2500
 
 
-def test_velocity_mode_with_and_without_ramp() -> None:
+def test_velocity_pwm_and_current_modes() -> None:
     servo = servo2()
     wrote(servo, operating_mode=1, torque_enable=1, goal_velocity=-100)
     assert read_register(servo, "present_velocity", 1.0) == -100
@@ -96,9 +90,6 @@ def test_velocity_mode_with_and_without_ramp() -> None:
     wrote(servo, 61.0, profile_acceleration=1, goal_velocity=100)
     assert -100 < read_register(servo, "present_velocity", 62.0) < 0
     assert read_register(servo, "present_velocity", 80.0) == 100
-
-
-def test_pwm_and_current_modes() -> None:
     servo = servo2()
     wrote(servo, operating_mode=16, torque_enable=1, goal_pwm=-442)
     assert read_register(servo, "present_velocity", 1.0) == pytest.approx(-0.5 * 46 / 0.229, abs=1)
@@ -150,13 +141,9 @@ def test_by_time(position: float, goal: float, velocity: float, total: float, sh
 # Supply, current and heat of emulated servos.
 
 
-def electrics(supply: Supply | None = None) -> ServoElectrics:
-    return ServoElectrics(supply or Supply(), 12.0, turn=0.0015, top=3000.0)
-
-
 def test_servos_share_a_supply() -> None:
     supply = Supply()
-    one, other = electrics(supply), electrics(supply)
+    one, other = (ServoElectrics(supply, 12.0, turn=0.0015, top=3000.0) for _ in range(2))
     one.advance(1.0, 0.0, effort=-1.0, torque=True)
     assert one.current == pytest.approx(IDLE_CURRENT + LARGEST_CURRENT) and one.direction < 0.0
     sag = SUPPLY_RESISTANCE * (2 * IDLE_CURRENT + LARGEST_CURRENT)
@@ -185,7 +172,7 @@ def test_registers_show_voltage_and_temperature() -> None:
 # The emulated OpenCR.
 
 
-def test_it_switches_the_servos_power() -> None:
+def test_the_controller_switches_the_power_of_servos_and_refuses_the_rest() -> None:
     servo = servo2()
     controller = EmulatedController([servo], baud=2_000_000)
     assert (controller.id, controller.baud) == (ID, 2_000_000)
@@ -194,9 +181,6 @@ def test_it_switches_the_servos_power() -> None:
     assert servo.booting(100.1) and not servo.booting(100.3)
     controller.write(24, b"\0", 101.0)
     assert servo.booting(200.0) and controller.read(24, 1, 101.0) == (0, b"\0")
-
-
-def test_what_it_answers() -> None:
     controller = EmulatedController(baud=1_000_000)
     ping = controller.execute(Instruction.PING, b"", 0.0, broadcast=True)
     assert ping == (0, NUMBER.to_bytes(2, "little") + b"\2")
