@@ -7,29 +7,13 @@ import numpy as np
 import pytest
 
 from faulty_bus import FaultKind, MockFault
-from guard_rig import DT, MAP, START, Rig
+from guard_rig import DT, MAP, START, Rig, moving, silent
 from hardware.bus import ServoAlert
 from hardware.errors import BusError, GuardError
 from hardware.guard import CUT_POWER, TORQUE_OFF, CheckedGoal, Torque
 from hardware.guard_state import BEARABLE, GuardLimits, StopCause
 from messages import refuses, shows
 from retarget.safety.gate import Gate
-
-
-def moving(*faults: MockFault, limits: GuardLimits | None = None) -> Rig:
-    rig = Rig(*faults, limits=limits)
-    rig.arm()
-    rig.run(19)
-    return rig
-
-
-def reason(rig: Rig) -> str:
-    assert rig.guard.stop is not None
-    return rig.guard.stop.reason
-
-
-def silent(*servos: int, first: int = 20, cycles: int = 1000) -> list[MockFault]:
-    return [MockFault(FaultKind.MISSING, first, cycles, servo=servo) for servo in servos]
 
 
 def test_goal_is_present_before_torque_and_beyond_a_limit_it_does_not_move_the_robot_either() -> None:
@@ -127,19 +111,18 @@ def test_a_servo_that_is_lost_is_latched_once_it_is_too_old() -> None:
     rig.run(5)
     assert rig.stopped() is None
     rig.run(3)
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_LOST
-    assert "waist (id 3)" in reason(rig) and not rig.guard.may_go_to_rest
+    assert rig.cause() is StopCause.SERVO_LOST and "waist (id 3)" in rig.reason()
+    assert not rig.guard.may_go_to_rest
     # What it said last is old: it says nothing about where the joint is that moves.
-    rig = moving(*silent(0), limits=GuardLimits(max_age=0.1, following_error=0.1))
-    rig.run(80)
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_LOST
+    rig = moving(*silent(0), limits=GuardLimits(max_age=0.1, following_error=0.1), ticks=99)
+    assert rig.cause() is StopCause.SERVO_LOST
 
 
 def test_an_alert_is_latched_with_the_servo() -> None:
     rig = moving(MockFault(FaultKind.ALERT, first=20, cycles=1, servo=0, alert=ServoAlert.OVERHEATING))
     rig.run(30)
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_ALERT
-    assert "shoulder (id 1) OVERHEATING" in reason(rig)
+    assert rig.cause() is StopCause.SERVO_ALERT
+    assert "shoulder (id 1) OVERHEATING" in rig.reason()
 
 
 def pause(rig: Rig, *, suspended: bool, seconds: float = 5.0) -> None:
@@ -159,9 +142,9 @@ def test_a_pause_is_latched_and_a_suspended_process_is_named(before: str, suspen
     if before == "writing":
         rig.guard.write(goal)
     rig.read()
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.STALE_GOAL
-    assert ("suspended" in reason(rig)) == suspended
-    shows(reason(rig))
+    assert rig.cause() is StopCause.STALE_GOAL
+    assert ("suspended" in rig.reason()) == suspended
+    shows(rig.reason())
 
 
 def test_simulated_servos_wait_for_a_slow_host_and_a_suspension_is_named() -> None:
@@ -192,10 +175,10 @@ def test_the_first_reason_stays_and_one_later_fault_is_added() -> None:
     rig = moving()
     rig.guard.latch(StopCause.REQUESTED, "space bar")
     rig.guard.latch(StopCause.STALE_GOAL, "no data")
-    assert reason(rig) == "space bar" and rig.guard.may_go_to_rest
+    assert rig.reason() == "space bar" and rig.guard.may_go_to_rest
     rig.guard.latch(StopCause.VOLTAGE, "no supply")
     rig.guard.latch(StopCause.CURRENT, "too much")
-    assert reason(rig) == "space bar, then: no supply" and not rig.guard.may_go_to_rest
+    assert rig.reason() == "space bar, then: no supply" and not rig.guard.may_go_to_rest
 
 
 @pytest.mark.parametrize("cause", StopCause)
@@ -211,15 +194,13 @@ ARM = GuardLimits(max_age=0.055, sustained_error=0.05, limbs=(True, True, False,
 
 def test_servos_of_a_limb_that_fall_silent_are_named_once_and_the_robot_may_go_to_rest() -> None:
     for later in (22, 60):  # at about the same time, or long after
-        rig = moving(*silent(0), *silent(1, first=later), limits=ARM)
-        rig.run(200)
-        assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.LIMB_LOST and rig.guard.may_go_to_rest
-        shows(reason(rig))
-        assert ("shoulder (id 1), then: " in reason(rig)) == (later == 60) and "elbow (id 2)" in reason(rig)
+        rig = moving(*silent(0), *silent(1, first=later), limits=ARM, ticks=219)
+        assert rig.cause() is StopCause.LIMB_LOST and rig.guard.may_go_to_rest
+        shows(rig.reason())
+        assert ("shoulder (id 1), then: " in rig.reason()) == (later == 60) and "elbow (id 2)" in rig.reason()
         assert rig.guard.health.lost.tolist() == [True, True, False, False] and rig.bus.torque_on
-    rig = moving(*silent(0, 2), limits=ARM)
-    rig.run(30)
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_LOST
+    rig = moving(*silent(0, 2), limits=ARM, ticks=49)
+    assert rig.cause() is StopCause.SERVO_LOST
     assert not rig.guard.may_go_to_rest, "a servo that carries the robot is no limb, whatever else is lost"
 
 
@@ -275,21 +256,20 @@ def test_torque_that_is_off_after_all_needs_no_hand(monkeypatch: pytest.MonkeyPa
     with refuses(OSError):
         rig.guard.release()
     unconfirmed = rig.guard.torque
-    assert unconfirmed is Torque.UNCONFIRMED and reason(rig).endswith(CUT_POWER)
+    assert unconfirmed is Torque.UNCONFIRMED and rig.reason().endswith(CUT_POWER)
     monkeypatch.setattr(rig.bus, "torque", torque)
     rig.guard.switch_off(StopCause.REQUESTED, "again")
-    assert rig.guard.torque is Torque.OFF and reason(rig).endswith(TORQUE_OFF)
-    assert reason(rig).count("(") == 1
+    assert rig.guard.torque is Torque.OFF and rig.reason().endswith(TORQUE_OFF)
+    assert rig.reason().count("(") == 1
 
 
 def test_a_servo_that_is_lost_may_have_torque_in_the_end() -> None:
-    rig = moving(MockFault(FaultKind.MISSING, first=20, cycles=10**6, servo=2))
-    rig.run(100)
+    rig = moving(*silent(2), ticks=119)
     with refuses(BusError, "waist"):
         rig.guard.release()
     assert rig.bus.torque_on and rig.guard.stop is not None and rig.guard.stop.powered
-    shows(reason(rig))
-    assert reason(rig).count("cut the power") == 1
+    shows(rig.reason())
+    assert rig.reason().count("cut the power") == 1
 
 
 @pytest.mark.parametrize("error", [BusError("port gone"), KeyboardInterrupt("port gone")])
@@ -310,7 +290,7 @@ def test_what_interrupts_arming_leaves_nothing_unsaid(
     with refuses(type(error)):
         rig.arm()
     assert rig.guard.stop is not None and rig.bus.torque_on == rig.guard.stop.powered == stuck
-    assert reason(rig) == "port gone" + (CUT_POWER if stuck else TORQUE_OFF)
+    assert rig.reason() == "port gone" + (CUT_POWER if stuck else TORQUE_OFF)
     with refuses(GuardError):
         rig.arm()
 
@@ -323,4 +303,4 @@ def test_a_refused_arming_with_torque_that_stays_on_is_latched_and_reported() ->
     with refuses(GuardError):
         rig.arm()
     assert rig.guard.stop is not None and rig.guard.stop.powered
-    shows(reason(rig))
+    shows(rig.reason())

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from bus_rig import four_servos, waist_servos
 from faulty_bus import FaultKind, FaultyBus, MockFault
 from gates import displacement
-from guard_rig import DT, MAP, Rig
+from guard_rig import DT, MAP, Rig, moving, silent
 from hardware.bus import ServoStates
 from hardware.clock import VirtualClock
 from hardware.errors import GuardError
@@ -41,7 +41,7 @@ def states() -> ServoStates:
     return Rig().bus.read()
 
 
-def silent(states: ServoStates, age: float, who: slice = slice(None)) -> ServoStates:
+def without(states: ServoStates, age: float, who: slice = slice(None)) -> ServoStates:
     valid, ages = states.valid.copy(), states.age.copy()
     valid[who], ages[who] = False, age
     return replace(states, valid=valid, age=ages)
@@ -59,15 +59,15 @@ def judge(health: BusHealth, states: ServoStates) -> StopCategory | None:
 
 def test_a_silent_bus_is_held_at_once_and_lost_after_some_time(states: ServoStates) -> None:
     health = BusHealth(MAP, 0.05)
-    assert judge(health, silent(states, 0.005)) is StopCategory.HOLD
-    assert judge(health, later(silent(states, 0.05))) is StopCategory.HOLD
-    assert judge(health, later(silent(states, 0.051))) is StopCategory.TORQUE_OFF
+    assert judge(health, without(states, 0.005)) is StopCategory.HOLD
+    assert judge(health, later(without(states, 0.05))) is StopCategory.HOLD
+    assert judge(health, later(without(states, 0.051))) is StopCategory.TORQUE_OFF
     assert judge(health, states) is None
     for _ in range(2):  # a host that was held up: it answers in between
-        assert judge(health, silent(states, 9.0)) is StopCategory.HOLD
+        assert judge(health, without(states, 9.0)) is StopCategory.HOLD
         assert judge(health, states) is None
-    assert judge(health, silent(states, 9.0)) is StopCategory.HOLD
-    assert judge(health, later(silent(states, 9.0))) is StopCategory.TORQUE_OFF
+    assert judge(health, without(states, 9.0)) is StopCategory.HOLD
+    assert judge(health, later(without(states, 9.0))) is StopCategory.TORQUE_OFF
 
 
 def test_a_bus_of_limbs_alone_is_held_for_and_never_costs_the_torque(states: ServoStates) -> None:
@@ -75,12 +75,12 @@ def test_a_bus_of_limbs_alone_is_held_for_and_never_costs_the_torque(states: Ser
     health = ServoHealth(divided, replace(LIMITS, limbs=(False, False, True, True)))
     found = []
     for tick in range(12):
-        now = replace(silent(states, DT * (tick + 1), slice(2, None)), time=states.time + DT * tick)
+        now = replace(without(states, DT * (tick + 1), slice(2, None)), time=states.time + DT * tick)
         found.append(health.check(now, None))
     categories = [None if fault is None else fault.category for fault in found]
     assert categories == [StopCategory.HOLD] * 10 + [StopCategory.BRAKE_AND_TORQUE_OFF, None]
     assert found[10] is not None and found[10].cause is StopCause.LIMB_LOST
-    hot = replace(silent(states, 0.02, slice(2, None)), temperature=np.array([70.0, 30.0, 30.0, 30.0]))
+    hot = replace(without(states, 0.02, slice(2, None)), temperature=np.array([70.0, 30.0, 30.0, 30.0]))
     fault = ServoHealth(divided, LIMITS).check(hot, None)
     assert fault is not None and fault.cause is StopCause.TEMPERATURE, "a servo of the other bus"
     assert fault.category is StopCategory.BRAKE_AND_TORQUE_OFF
@@ -93,22 +93,13 @@ def test_the_share_of_cycles_with_an_answer_counts_from_the_first_silent_one(sta
     assert health.answered == 1.0
     for tick in range(100, 300):
         now = replace(states, time=DT * tick)
-        health.silence(silent(now, DT) if tick % 4 == 0 else now)
+        health.silence(without(now, DT) if tick % 4 == 0 else now)
     assert health.answered == pytest.approx(0.75)
-
-
-def rig_of_silence(cycles: int) -> Rig:
-    """A robot that moves when no servo of its bus answers, for so many cycles from the 20th on."""
-    rig = Rig(*(MockFault(FaultKind.MISSING, first=20, cycles=cycles, servo=servo) for servo in range(4)))
-    rig.arm()
-    rig.run(19)
-    assert rig.guard.stop is None
-    return rig
 
 
 @pytest.mark.parametrize("cycles", [1, 3, 4])
 def test_a_short_silence_of_the_bus_is_held(cycles: int) -> None:
-    rig = rig_of_silence(cycles)
+    rig = moving(*silent(0, 1, 2, 3, cycles=cycles))
     for _ in range(cycles):
         rig.run(1)
         assert rig.guard.is_silent and rig.guard.stop is None and rig.bus.torque_on
@@ -118,30 +109,28 @@ def test_a_short_silence_of_the_bus_is_held(cycles: int) -> None:
 
 
 def test_a_bus_that_is_silent_for_two_cycles_can_be_armed() -> None:
-    rig = Rig(*(MockFault(FaultKind.MISSING, first=0, cycles=2, servo=servo) for servo in range(4)))
-    rig.arm()
+    rig = moving(*silent(0, 1, 2, 3, first=0, cycles=2), ticks=0)
     assert rig.guard.torque is Torque.ON and rig.bus.torque_on
 
 
 def test_the_guard_switches_torque_off_when_a_bus_stays_silent() -> None:
-    rig = rig_of_silence(1000)
+    rig = moving(*silent(0, 1, 2, 3))
+    assert rig.stopped() is None
     rig.run(round(0.05 / DT) + 2)
     assert rig.guard.torque is not Torque.ON
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.BUS_SILENT
+    assert rig.cause() is StopCause.BUS_SILENT
     assert rig.bus.calls[-1] == "torque off"
 
 
 def test_the_guard_brakes_at_a_high_error_rate() -> None:
-    rig = Rig()
-    rig.arm()
-    rig.run(30)
+    rig = moving(ticks=30)
     with read_as(rig, lambda states: replace(states, error_rate=HIGHEST_ERROR_RATE - 0.01)):
         rig.run(1)
     assert rig.stopped() is None
     with read_as(rig, lambda states: replace(states, error_rate=0.75)):
         rig.run(1)
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.BUS
-    shows(rig.guard.stop.reason)
+    assert rig.cause() is StopCause.BUS
+    shows(rig.reason())
     rig.run(100)
     assert not displacement(rig.guard).any() and rig.guard.torque is Torque.ON
     rig.check_goals()
@@ -163,21 +152,15 @@ def test_a_servo_out_of_bounds_stops_the_robot(
     kind: FaultKind, value: float, inside: float, cause: StopCause, text: str
 ) -> None:
     fault = MockFault(kind, first=20, cycles=1000, servo=0, value=value)
-    rig = Rig(fault, limits=LIMITS)
-    rig.arm()
-    rig.run(19)
+    rig = moving(fault, limits=LIMITS)
     assert rig.stopped() is None
     rig.run(100)
-    stop = rig.guard.stop
-    assert stop is not None and stop.cause is cause
-    assert text in stop.reason
+    assert rig.cause() is cause and text in rig.reason()
     assert not displacement(rig.guard).any() and rig.bus.torque_on
     rig.check_goals()
     within = replace(fault, value=inside, cycles=3 if kind is FaultKind.STUCK else 1000)
-    for rig in (Rig(within, limits=LIMITS), Rig(fault)):  # within bounds, or unwatched
-        rig.arm()
-        rig.run(60)
-        assert rig.guard.stop is None
+    assert moving(within, limits=LIMITS, ticks=60).stopped() is None
+    assert moving(fault, ticks=60).stopped() is None, "unwatched"
 
 
 SUSTAINED = GuardLimits(max_age=0.1, following_error=0.5, sustained_error=0.2, sustained_time=0.2)
@@ -201,8 +184,7 @@ def read_as(rig: Rig, change: Callable[[ServoStates], ServoStates]) -> Iterator[
 
 @pytest.mark.parametrize(("by", "ticks", "stopped"), [(0.21, 21, True), (0.21, 19, False), (0.19, 200, False)])
 def test_a_following_error_that_lasts_stops_the_robot_in_time(by: float, ticks: int, stopped: bool) -> None:
-    rig = Rig(limits=SUSTAINED)
-    rig.arm()
+    rig = moving(limits=SUSTAINED, ticks=0)
     rig.run(10, rig.stand)
     displaced(rig, by, ticks)
     stop = rig.guard.stop
@@ -213,20 +195,17 @@ def test_a_following_error_that_lasts_stops_the_robot_in_time(by: float, ticks: 
 
 
 def test_following_errors_that_do_not_last_stop_nothing() -> None:
-    rig = Rig(limits=SUSTAINED)
-    rig.arm()
+    rig = moving(limits=SUSTAINED, ticks=0)
     for _ in range(5):
         displaced(rig, 0.3, 15)
         displaced(rig, 0.0, 1)
     assert rig.stopped() is None
     displaced(rig, 0.51, 1)  # the larger bound is one at once
-    assert rig.guard.stop is not None
-    shows(rig.guard.stop.reason, "0.5")
+    shows(rig.reason(), "0.5")
 
 
 def test_the_guard_measures_errors_from_where_goals_hold_the_joints() -> None:
-    rig = Rig(limits=SUSTAINED)
-    rig.arm()
+    rig = moving(limits=SUSTAINED, ticks=0)
     off = np.array([round(0.3 / float(MAP.tick_rad[0])), 0, 0, 0])
 
     def loaded() -> CheckedGoal:
@@ -241,28 +220,23 @@ def test_the_guard_measures_errors_from_where_goals_hold_the_joints() -> None:
     displaced(rig, 0.3, 100, loaded)
     assert rig.stopped() is None
     displaced(rig, 0.0, 100, loaded)
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.FOLLOWING_ERROR
+    assert rig.cause() is StopCause.FOLLOWING_ERROR
 
 
 def test_a_current_that_lasts_stops_the_robot() -> None:
-    rig = Rig(limits=GuardLimits(max_current=1e-6, current_time=0.1))
-    rig.arm()
-    rig.run(60)
-    stop = rig.guard.stop
-    assert stop is not None and stop.cause is StopCause.CURRENT
-    assert re.search(r"servo draws more than 1e-06 A for 0.1 s: shoulder \(id 1\) \d\.\d\d A", stop.reason)
+    rig = moving(limits=GuardLimits(max_current=1e-6, current_time=0.1), ticks=60)
+    assert rig.cause() is StopCause.CURRENT
+    assert re.search(r"servo draws more than 1e-06 A for 0.1 s: shoulder \(id 1\) \d\.\d\d A", rig.reason())
     assert rig.bus.read().current[3] != rig.bus.read().current[3]  # the AX reports none, which is no fault
 
 
 def test_a_servo_that_was_reset_is_never_driven_again_by_itself() -> None:
-    rig = Rig(limits=LIMITS)
-    rig.arm()
-    rig.run(20)
+    rig = moving(limits=LIMITS, ticks=20)
     with read_as(rig, lambda states: replace(states, driven=np.array([True, False, True, True]))):
         rig.run(1)
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_LIMP
+    assert rig.cause() is StopCause.SERVO_LIMP
     rig.run(200)  # it reports that it is driven again, which changes nothing
-    assert rig.guard.stop.cause is StopCause.SERVO_LIMP and not displacement(rig.guard).any()
+    assert rig.cause() is StopCause.SERVO_LIMP and not displacement(rig.guard).any()
     rig.guard.release()
     with pytest.raises(GuardError):
         rig.arm()
@@ -271,28 +245,22 @@ def test_a_servo_that_was_reset_is_never_driven_again_by_itself() -> None:
 
 @pytest.mark.parametrize(("kind", "quantity"), [(FaultKind.HOT, "temperature"), (FaultKind.SUPPLY, "voltage")])
 def test_a_value_that_is_no_longer_known_stops_the_robot(kind: FaultKind, quantity: str) -> None:
-    rig = Rig(MockFault(kind, 20, 99, servo=1, value=float("nan")), limits=LIMITS)
-    rig.arm()
-    rig.run(50)
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.NOT_READ
+    rig = moving(MockFault(kind, 20, 99, servo=1, value=float("nan")), limits=LIMITS, ticks=50)
+    assert rig.cause() is StopCause.NOT_READ
     assert rig.guard.may_go_to_rest, "nothing is known to be wrong with a servo"
-    shows(rig.guard.stop.reason)
-    assert rig.guard.stop.reason.startswith(quantity) and "hotter" not in rig.guard.stop.reason
+    shows(rig.reason())
+    assert rig.reason().startswith(quantity) and "hotter" not in rig.reason()
 
 
 def test_a_hot_servo_counts_more_than_one_that_is_not_read() -> None:
     unread = [MockFault(FaultKind.HOT, 20, 99, servo=servo, value=float("nan")) for servo in (0, 1, 3)]
-    rig = Rig(*unread, MockFault(FaultKind.HOT, 30, 99, servo=2, value=70.0), limits=LIMITS)
-    rig.arm()
-    rig.run(50)
+    rig = moving(*unread, MockFault(FaultKind.HOT, 30, 99, servo=2, value=70.0), limits=LIMITS, ticks=50)
     assert rig.guard.stop is not None and rig.guard.stop.then is StopCause.TEMPERATURE
     assert not rig.guard.may_go_to_rest
     shows(rig.guard.stop.reason)
     never_read = MockFault(FaultKind.SUPPLY, 0, 999, servo=1, value=float("nan"))
-    rig = Rig(never_read, MockFault(FaultKind.HOT, first=20, cycles=999, servo=0, value=66.0), limits=LIMITS)
-    rig.arm()
-    rig.run(50)
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.TEMPERATURE
+    rig = moving(never_read, MockFault(FaultKind.HOT, 20, 999, servo=0, value=66.0), limits=LIMITS, ticks=50)
+    assert rig.cause() is StopCause.TEMPERATURE
 
 
 def test_of_a_coupled_pair_the_joints_count_and_what_a_load_explains_is_no_fault() -> None:
@@ -348,8 +316,7 @@ def warnings() -> tuple[ServoWarnings, np.ndarray[tuple[int, int], np.dtype[np.f
 
 
 def test_a_warm_servo_slows_the_robot_to_half_within_the_limit_and_is_reported_once() -> None:
-    rig = Rig(MockFault(FaultKind.HOT, first=20, cycles=300, servo=1, value=61.0), limits=WARNING_LIMITS)
-    rig.arm()
+    rig = moving(MockFault(FaultKind.HOT, 20, 300, servo=1, value=61.0), limits=WARNING_LIMITS, ticks=0)
     slows, news = [], []
     for _ in range(600):
         rig.run(1, rig.stand)

@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 
 from bus_rig import four_servos
-from faulty_bus import FaultyBus, MockFault
+from faulty_bus import FaultKind, FaultyBus, MockFault
 from hardware.arrays import FloatArray
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
 from hardware.guard import CheckedGoal, Guard, Torque
-from hardware.guard_state import GuardLimits, Stop
+from hardware.guard_state import GuardLimits, Stop, StopCause
 from hardware.joint_map import JointMap
 from retarget.safety.gate import Gate
 
@@ -76,6 +76,15 @@ class Rig:
         """The latched stop, as it is now."""
         return self.guard.stop
 
+    def cause(self) -> StopCause | None:
+        """Of the latched stop."""
+        return self.guard.stop and self.guard.stop.cause
+
+    def reason(self) -> str:
+        """Of the latched stop; there must be one."""
+        assert self.guard.stop is not None
+        return self.guard.stop.reason
+
     def stand(self) -> CheckedGoal:
         """The goal of a robot that stands where it was sent."""
         assert self.guard.goal is not None
@@ -100,3 +109,16 @@ class Rig:
         tick = np.abs(1.0 / np.array([servo.ticks_per_rad for servo in MAP.servos]))
         assert np.all(np.abs(steps) <= MAP.max_velocity * DT + tick)
         assert np.all(np.abs(np.diff(steps, axis=0)) <= MAP.max_acceleration * DT**2 + 2 * tick)
+
+
+def moving(*faults: MockFault, limits: GuardLimits | None = None, ticks: int = 19) -> Rig:
+    """A robot whose first joint moves since so many ticks."""
+    rig = Rig(*faults, limits=limits)
+    rig.arm()
+    rig.run(ticks)
+    return rig
+
+
+def silent(*servos: int, first: int = 20, cycles: int = 1000) -> list[MockFault]:
+    """These servos do not answer."""
+    return [MockFault(FaultKind.MISSING, first, cycles, servo=servo) for servo in servos]
