@@ -8,15 +8,13 @@ from natnet_packets import (
     VERSIONS,
     Body,
     Catalogue,
-    FakeMotive,
     Motion,
-    MotiveSettings,
+    Pose,
     datagram,
     definitions,
     frame,
     server_info,
 )
-from retarget.frames import SensorFrames
 from retarget.live.stream_report import natnet_problems
 from retarget.rotations import angle_between
 from retarget.sources.streams.natnet_decoder import NatnetDecoder
@@ -26,6 +24,7 @@ from retarget.sources.streams.natnet_wire import (
     Version,
     connect_message,
     message,
+    split,
 )
 from retarget.sources.streams.stream_frame import StreamFrame
 from sim.performer import synthetic_performer
@@ -186,29 +185,49 @@ def test_definitions_that_do_not_come_are_missed_until_they_come() -> None:
     assert said(session, 4.0) == []
 
 
-# The fake Motive against the session and the decoder: a whole conversation on virtual time.
+# A whole conversation with a Motive server that was made up, on virtual time.
 
-STEP_S = 1 / 200
-
-
-@pytest.fixture(scope="module")
-def motion() -> SensorFrames:
-    return synthetic_performer(0)
+STEP_S, CLOCK_HZ, LATENCY_S = 1 / 200, 10_000_000, 0.0055
+MOTION = synthetic_performer(0)
+RATE_HZ = MOTION.rate_hz or 0.0
 
 
 class Lab:
-    """Server, session and decoder on one wire."""
+    """Session and decoder on one wire with a server that streams MOTION as rigid bodies, again and again; its clock is
+    1000 s ahead. answering: it is switched on. streaming: it is live, and not paused."""
 
-    def __init__(self, server: FakeMotive) -> None:
-        self.server, self.session, self.decoder = server, NatnetSession(), NatnetDecoder()
-        self.now = 10.0
+    def __init__(self, version: Version) -> None:
+        self.version, self.session, self.decoder = version, NatnetSession(), NatnetDecoder()
+        self.now, self.asked, self.answering, self.streaming = 10.0, -np.inf, True, True
+        wxyz = np.nan_to_num(MOTION.orientation)
+        wxyz[..., 0] += (wxyz == 0.0).all(axis=-1)
+        self.wire = np.nan_to_num(MOTION.position[..., [1, 2, 0]]).tolist(), wxyz[..., [2, 3, 1, 0]].tolist()
+
+    def answers(self, sent: bytes) -> list[bytes]:
+        kind = (split(sent) or (-1, b""))[0]
+        if kind in (MessageId.CONNECT, MessageId.KEEP_ALIVE):
+            self.asked = self.now
+        if kind == MessageId.DEFINITIONS_REQUEST:
+            bodies = [Body(name, number, markers=1) for number, name in enumerate(MOTION.names, start=1)]
+            return [definitions(Catalogue(bodies, crowd=False), self.version)]
+        return [server_info(self.version, clock_hz=CLOCK_HZ)] if kind == MessageId.CONNECT else []
+
+    def frame(self, index: int) -> bytes:
+        row, exposed = index % len(MOTION.time), index / RATE_HZ
+        columns = zip(*(part[row] for part in self.wire), MOTION.valid[row], strict=True)
+        bodies = [Pose(n, place, turn, int(valid)) for n, (place, turn, valid) in enumerate(columns, start=1)]
+        at = [round((1000.0 + exposed + later) * CLOCK_HZ) for later in (0.0, 0.5 * LATENCY_S, LATENCY_S)]
+        ticks = (at[0], at[1], at[2])
+        return frame(Motion(index, bodies, timestamp=exposed, ticks=ticks, crowd=False), self.version)
 
     def run(self, seconds: float) -> list[StreamFrame]:
         frames = []
         for _ in range(round(seconds / STEP_S)):
-            asked = self.session.poll(self.now)
-            answers = [got for sent in asked for got in self.server.receive(self.now, sent)]
-            for got in answers + self.server.due(self.now):
+            arrives = [got for sent in self.session.poll(self.now) if self.answering for got in self.answers(sent)]
+            newest, before = (int((time - LATENCY_S) * RATE_HZ) for time in (self.now, self.now - STEP_S))
+            if self.answering and self.streaming and self.now - self.asked < 10.0:
+                arrives += [self.frame(index) for index in range(before + 1, newest + 1)]
+            for got in arrives:
                 self.session.receive(self.now, got)
                 frames += self.decoder.decode(got)
             self.now += STEP_S
@@ -216,34 +235,33 @@ class Lab:
 
 
 @pytest.mark.parametrize("version", VERSIONS, ids=str)
-def test_the_motion_arrives_as_it_was(version: Version, motion: SensorFrames) -> None:
-    lab = Lab(FakeMotive(motion, MotiveSettings(version=version)))
+def test_the_motion_arrives_as_it_was(version: Version) -> None:
+    lab = Lab(version)
     frames = lab.run(1.0)
-    assert motion.rate_hz is not None
-    assert len(frames) == pytest.approx(motion.rate_hz, abs=3)
+    assert len(frames) == pytest.approx(RATE_HZ, abs=3)
     named = [one for one in frames if one.names[0].startswith("rigid://h")]
     assert len(frames) - len(named) <= 1
     for one in named:
         assert one.number is not None and one.stamp is not None
-        row = one.number % len(motion.time)
-        assert one.names == tuple(f"rigid://{name}" for name in motion.names)
-        np.testing.assert_allclose(one.position, motion.position[row], atol=1e-6)
-        assert float(angle_between(one.orientation, motion.orientation[row]).max()) < 1e-6
-        assert one.stamp == pytest.approx(1000.0 + one.number / motion.rate_hz, abs=1e-6)
+        row = one.number % len(MOTION.time)
+        assert one.names == tuple(f"rigid://{name}" for name in MOTION.names)
+        np.testing.assert_allclose(one.position, MOTION.position[row], atol=1e-6)
+        assert float(angle_between(one.orientation, MOTION.orientation[row]).max()) < 1e-6
+        assert one.stamp == pytest.approx(1000.0 + one.number / RATE_HZ, abs=1e-6)
     assert lab.decoder.dropped.count == 0
     assert said(lab.session, lab.now) == []
 
 
-def test_a_server_that_starts_late_and_pauses(motion: SensorFrames) -> None:
-    lab = Lab(FakeMotive(motion))
-    lab.server.answering = False
+def test_a_server_that_starts_late_and_pauses() -> None:
+    lab = Lab(V41)
+    lab.answering = False
     assert lab.run(5.0) == []
     shows(said(lab.session, lab.now)[0])
-    lab.server.answering = True
+    lab.answering = True
     assert len(lab.run(2.0)) > 100
-    lab.server.streaming = False
+    lab.streaming = False
     lab.run(3.0)
     shows(said(lab.session, lab.now)[0])
-    lab.server.streaming = True
+    lab.streaming = True
     assert len(lab.run(1.0)) > 100
     assert said(lab.session, lab.now) == []

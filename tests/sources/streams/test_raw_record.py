@@ -118,11 +118,11 @@ def test_what_is_no_recording(tmp_path: Path, content: bytes) -> None:
         RawReader(path)
 
 
-def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:
-    with refuses(InputError):
-        RawReader(tmp_path / "none")
-    with refuses(InputError):
-        RawReader(tmp_path)
+def test_a_missing_file_a_folder_and_a_pipe_are_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.raw")
+    for path in (tmp_path / "none", tmp_path, tmp_path / "a.raw"):
+        with refuses(InputError, path):
+            RawReader(path)
 
 
 def test_the_buffer_is_bounded(tmp_path: Path) -> None:
@@ -147,10 +147,9 @@ def test_a_full_disk_stops_the_recording_only(tmp_path: Path) -> None:
 
 
 def test_where_nothing_can_be_written(tmp_path: Path, recording: Path) -> None:
-    with refuses(UsageError, "--record-raw"):
-        RawWriter(recording, url=URL)
-    with refuses(UsageError, "--record-raw"):
-        RawWriter(tmp_path / "none" / "a", url=URL)
+    for path in (recording, tmp_path / "none" / "a"):
+        with refuses(UsageError, "--record-raw"):
+            RawWriter(path, url=URL)
     assert list(RawReader(recording)) == SENT
 
 
@@ -160,9 +159,3 @@ def test_any_bytes(tmp_path_factory: pytest.TempPathFactory, data: bytes, old: b
     path.write_bytes((b"UDPREC01" if old else b"RAWDGM01\0\0") + data)
     reader = RawReader(path)
     assert sum(len(datagram.payload) for datagram in reader) <= len(data)
-
-
-def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "a.raw")
-    with refuses(InputError, tmp_path / "a.raw"):
-        RawReader(tmp_path / "a.raw")

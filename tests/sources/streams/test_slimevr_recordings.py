@@ -5,6 +5,7 @@ angle moves are judged apart, because most of the recording stands still. Errors
 a wrong axis or side is an error of the full motion.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from retarget.sources.streams.raw_record import RawReader
 from retarget.sources.streams.stream_frame import StreamDecoder, StreamFrame
 from retarget.sources.streams.vmc import VmcDecoder, bone_poses, t_pose_offsets, world_poses
 from retarget.sources.streams.vrchat import VrchatDecoder
-from retarget.types import BoolArray, FloatArray
+from retarget.types import FloatArray
 
 MOVING_DEG_PER_S = 5.0
 
@@ -30,7 +31,6 @@ class Recording:
 
     wall: FloatArray
     frames: list[StreamFrame]
-    decoder: StreamDecoder
     script: dict[str, FloatArray]
 
     def orientations(self, name: str) -> FloatArray:
@@ -46,17 +46,7 @@ def record(shared: Path, name: str, decoder: StreamDecoder) -> Recording:
     rows = [(r.time_s, f) for r in RawReader(folder / name) for f in decoder.decode(r.payload)]
     table = np.genfromtxt(folder / "ground_truth.csv", delimiter=",", names=True)
     script = {name: table[name] for name in table.dtype.names or ()}
-    return Recording(np.array([wall for wall, _ in rows]), [frame for _, frame in rows], decoder, script)
-
-
-@pytest.fixture(scope="module")
-def vmc(shared: Path) -> Recording:
-    return record(shared, "full12_vmc_50hz.udprec.gz", VmcDecoder())
-
-
-@pytest.fixture(scope="module")
-def vrchat(shared: Path) -> Recording:
-    return record(shared, "full12_vrcosc_20hz.udprec.gz", VrchatDecoder())
+    return Recording(np.array([wall for wall, _ in rows]), [frame for _, frame in rows], script)
 
 
 def segments(recording: Recording, roles: str) -> dict[str, FloatArray]:
@@ -79,7 +69,7 @@ def bone_segments(recording: Recording) -> dict[str, FloatArray]:
     }
 
 
-def errors(recording: Recording, parts: dict[str, FloatArray], wrist: str = "r_wrist") -> dict[str, FloatArray]:
+def errors(recording: Recording, parts: dict[str, FloatArray], wrist: str) -> dict[str, FloatArray]:
     """Degrees (T,) between the turn of a joint as sent and as scripted."""
     upright = np.array([1.0, 0.0, 0.0, 0.0])
     joints = {
@@ -98,34 +88,32 @@ def errors(recording: Recording, parts: dict[str, FloatArray], wrist: str = "r_w
     return out
 
 
-def moving(recording: Recording, column: str) -> BoolArray:
-    return np.asarray(np.abs(np.gradient(recording.angle(column), recording.wall)) > MOVING_DEG_PER_S)
+VMC, VRCHAT = "full12_vmc_50hz.udprec.gz", "full12_vrcosc_20hz.udprec.gz"
 
 
-def check(recording: Recording, found: dict[str, FloatArray], median: float, worst: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "parts", "wrist", "median"),
+    [
+        (VMC, lambda recording: segments(recording, "slimevr"), "r_wrist", 1.0),
+        (VMC, bone_segments, "r_elbow", 1.0),
+        (VRCHAT, lambda recording: segments(recording, "slimevr_vrchat"), "", 0.5),
+    ],
+    ids=["roles", "bones", "trackers"],
+)
+def test_joints_follow_the_script(
+    shared: Path, name: str, parts: Callable[[Recording], dict[str, FloatArray]], wrist: str, median: float
+) -> None:
+    recording = record(shared, name, VmcDecoder() if name == VMC else VrchatDecoder())
+    found = errors(recording, parts(recording), wrist)
+    assert set(found) == {"left_arm_abd_deg", "left_hip_flex_deg", "yaw_deg"} | (
+        {"right_elbow_flex_deg"} if wrist else set()
+    )
     for column, error in found.items():
-        moves = moving(recording, column)
-        assert np.count_nonzero(moves) > 20 and np.ptp(recording.angle(column)) > 40.0
+        angle = recording.angle(column)
+        moves = np.abs(np.gradient(angle, recording.wall)) > MOVING_DEG_PER_S
+        assert np.count_nonzero(moves) > 20 and np.ptp(angle) > 40.0
         assert np.median(error) < median and np.median(error[moves]) < median, column
-        assert error.max() < worst, column
-
-
-def test_vmc_roles_follow_the_script(vmc: Recording) -> None:
-    found = errors(vmc, segments(vmc, "slimevr"))
-    assert len(found) == 4
-    check(vmc, found, 1.0, 2.0)
-
-
-def test_vmc_bones_follow_the_script(vmc: Recording) -> None:
-    found = errors(vmc, bone_segments(vmc), wrist="r_elbow")
-    assert len(found) == 4
-    check(vmc, found, 1.0, 2.0)
-
-
-def test_vrchat_trackers_follow_the_script(vrchat: Recording) -> None:
-    found = errors(vrchat, segments(vrchat, "slimevr_vrchat"))
-    assert set(found) == {"left_arm_abd_deg", "left_hip_flex_deg", "yaw_deg"}
-    check(vrchat, found, 0.5, 2.0)
+        assert error.max() < 2.0, column
 
 
 @pytest.mark.parametrize(

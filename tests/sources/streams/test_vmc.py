@@ -1,4 +1,4 @@
-"""VMC: names, poses, states, what is dropped, and that remembering layouts changes nothing."""
+"""VMC and the trackers of VRChat: names, poses, states, and what is dropped."""
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from people import place
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.rotations import angle_between, from_rotation_vector, multiply
+from retarget.sources.streams import vrchat
 from retarget.sources.streams.osc import UNKNOWN_ADDRESS
 from retarget.sources.streams.stream_frame import StreamFrame
 from retarget.sources.streams.vmc import (
@@ -27,11 +28,11 @@ from retarget.sources.streams.vmc import (
     t_pose_offsets,
     world_poses,
 )
+from retarget.sources.streams.vrchat import NOT_A_TRACKER, VrchatDecoder
 from retarget.types import FloatArray
 
 ROOT, BONE, HMD, CON, TRA = (f"/VMC/Ext/{part}/Pos" for part in ("Root", "Bone", "Hmd", "Con", "Tra"))
-
-
+TRACKER = "/tracking/trackers/1/position"
 TURNED = (0.1, 0.2, 0.3, 0.5, -0.5, 0.5, 0.5)
 NAN, INF = float("nan"), float("inf")
 
@@ -47,17 +48,30 @@ def one(*messages: bytes) -> StreamFrame:
     return frame
 
 
-def test_golden_bytes() -> None:
-    golden = (
-        b"/VMC/Ext/Tra/Pos\0\0\0\0,sfffffff\0\0\0LHR-1\0\0\0"
-        b"\x3f\x80\0\0\x40\0\0\0\x40\x40\0\0"  # 1 2 3
-        b"\xbf\0\0\0\x3f\0\0\0\xbf\0\0\0\x3f\0\0\0"  # -0.5 0.5 -0.5 0.5
-    )
-    assert golden == pose(TRA, "LHR-1", 1.0, 2.0, 3.0, -0.5, 0.5, -0.5, 0.5)
-    (frame,) = VmcDecoder().decode(golden)
-    assert frame.names == ("LHR-1",) and frame.stamp is None and frame.number is None
+VMC_BYTES = (
+    b"/VMC/Ext/Tra/Pos\0\0\0\0,sfffffff\0\0\0LHR-1\0\0\0"
+    b"\x3f\x80\0\0\x40\0\0\0\x40\x40\0\0"  # 1 2 3
+    b"\xbf\0\0\0\x3f\0\0\0\xbf\0\0\0\x3f\0\0\0"  # -0.5 0.5 -0.5 0.5
+)
+VRCHAT_BYTES = b"/tracking/trackers/1/position\0\0\0,fff\0\0\0\0\x3f\x80\0\0\x40\0\0\0\x40\x40\0\0"
+
+
+@pytest.mark.parametrize(
+    ("decoder", "golden", "built", "name", "turn"),
+    [
+        (VmcDecoder, VMC_BYTES, pose(TRA, "LHR-1", 1, 2, 3, -0.5, 0.5, -0.5, 0.5), "LHR-1", [0.5, 0.5, -0.5, -0.5]),
+        (VrchatDecoder, VRCHAT_BYTES, message(TRACKER, "fff", 1.0, 2.0, 3.0), "tracker://1", [NAN] * 4),
+    ],
+    ids=["VMC", "VRChat"],
+)
+def test_golden_bytes(
+    decoder: type[VmcDecoder | VrchatDecoder], golden: bytes, built: bytes, name: str, turn: list[float]
+) -> None:
+    assert golden == built
+    (frame,) = decoder().decode(golden)
+    assert frame.names == (name,) and frame.stamp is None and frame.number is None
     assert_allclose(frame.position, [[3.0, -1.0, 2.0]])
-    assert_allclose(frame.orientation, [[0.5, 0.5, -0.5, -0.5]])
+    assert_allclose(frame.orientation, [turn])
     assert frame.tracked.tolist() == [True]
 
 
@@ -101,15 +115,37 @@ def test_a_zero_position_is_untold_for_bones_only() -> None:
         (pose(TRA, "x" * 129), BAD_SERIAL),
         (message("/VMC/Ext/T", "f", NAN), BAD_STAMP),
         (message("/VMC/Ext/T", "f", INF), BAD_STAMP),
+        *((message(TRACKER.replace("1", n), "fff", 1.0, 2.0, 3.0), NOT_A_TRACKER) for n in ("0", "9", "-1", "01")),
+        (message("/tracking/trackers/1/velocity", "fff", 0.0, 0.0, 0.0), UNKNOWN_ADDRESS),
+        (message("/tracking/eye/CenterPitchYaw", "ff", 0.0, 0.0), UNKNOWN_ADDRESS),
+        (message(TRACKER, "ff", 0.0, 0.0), vrchat.WRONG_ARGUMENTS),
+        (message(TRACKER, "sff", "0", 0.0, 0.0), vrchat.WRONG_ARGUMENTS),
     ],
 )
 def test_what_is_dropped_by_reason_leaves_the_rest(bad: bytes, reason: str) -> None:
-    decoder = VmcDecoder()
+    good = [pose(TRA, name) for name in "wxyz"]
+    decoder: VmcDecoder | VrchatDecoder = VmcDecoder()
+    names: tuple[str, ...] = ("w", "x", "y", "z")
+    if bad.startswith(b"/tracking"):
+        good, decoder, names = (
+            [message(TRACKER.replace("1", "2"), "fff", 1.0, 2.0, 3.0)],
+            VrchatDecoder(),
+            ("tracker://2",),
+        )
     for _ in range(2):  # the second time from the remembered layout
-        (frame,) = decoder.decode(bundle(bad, *(pose(TRA, name) for name in "wxyz")))
-        assert frame.names == ("w", "x", "y", "z") and frame.stamp is None
+        (frame,) = decoder.decode(bundle(bad, *good))
+        assert frame.names == names and frame.stamp is None
     assert decoder.dropped.reasons == {reason: 2}
-    assert decode(bad)[0] == []
+    assert decoder.decode(bad) == []
+
+
+@pytest.mark.parametrize("tags", ["iff", "fid", "hhh", "ddd", "FTi"])
+def test_numbers_of_every_type_are_numbers_of_a_tracker(tags: str) -> None:
+    typed = [(int if tag in "ih" else float)(x) for tag, x in zip(tags, (0, 1, 2), strict=True) if tag not in "TF"]
+    (found,), (plain,) = (
+        VrchatDecoder().decode(message(TRACKER, *sent)) for sent in ((tags, *typed), ("fff", 0, 1, 2))
+    )
+    assert_allclose(found.position, plain.position)
 
 
 SENT = (0, 1, 1, 0, 0, 0, 1, 1, 1)
@@ -161,15 +197,15 @@ def test_states_are_kept_until_the_next_one() -> None:
     assert decoder.decode(tracker)[0].tracked.all()
 
 
-def bone(name: str, *, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> bytes:
-    return pose("/VMC/Ext/Bone/Pos", name, *at, 0.0, 0.0, 0.0, 1.0)
+def avatar(*names: str, turned: float = 0.0) -> list[bytes]:
+    """The root, turned about Unity's y, which is up, and bones."""
+    half = (0.0, np.sin(0.5 * turned), 0.0, np.cos(0.5 * turned))
+    return [pose(ROOT, "root", 0.0, 0.0, 0.0, *half), *(pose(BONE, name) for name in names)]
 
 
 def one_by_one(decoder: VmcBodyDecoder, *names: str, turned: float = 0.0) -> list[StreamFrame]:
     """What the bones give when each comes in a datagram of its own, as python-osc's `send_message` sends them."""
-    half = (0.0, np.sin(0.5 * turned), 0.0, np.cos(0.5 * turned))  # about Unity's y, which is up
-    datagrams = [pose("/VMC/Ext/Root/Pos", "root", 0.0, 0.0, 0.0, *half), *map(bone, names)]
-    return [frame for datagram in datagrams for frame in decoder.decode(datagram)]
+    return [frame for datagram in avatar(*names, turned=turned) for frame in decoder.decode(datagram)]
 
 
 def test_an_avatar_sent_bone_by_bone_is_whole_once_in_each_round() -> None:
@@ -178,14 +214,9 @@ def test_an_avatar_sent_bone_by_bone_is_whole_once_in_each_round() -> None:
     for turned in (0.0, 0.5, 1.0):
         (frame,) = one_by_one(decoder, *BODY_BONES, turned=turned)
         assert frame.tracked.all()
-        (whole,) = VmcBodyDecoder().decode(
-            bundle(
-                pose("/VMC/Ext/Root/Pos", "root", 0.0, 0.0, 0.0, 0.0, np.sin(0.5 * turned), 0.0, np.cos(0.5 * turned)),
-                *map(bone, BODY_BONES),
-            )
-        )
-        np.testing.assert_array_equal(frame.position, whole.position)
-        np.testing.assert_array_equal(frame.orientation, whole.orientation)
+        (whole,) = VmcBodyDecoder().decode(bundle(*avatar(*BODY_BONES, turned=turned)))
+        assert_array_equal(frame.position, whole.position)
+        assert_array_equal(frame.orientation, whole.orientation)
 
 
 def test_a_bone_that_is_not_sent_any_more_is_kept_for_a_while_and_then_lost() -> None:
@@ -202,12 +233,12 @@ REQUIRED = tuple(bone for bone in BODY_BONES if bone not in OPTIONAL)
 LENGTHS = t_pose_offsets(proportional_dimensions(1.7))
 
 
-def frame_of(turns: dict[str, FloatArray], *, tracked: bool = True, position: FloatArray | None = None) -> StreamFrame:
-    """Bones (and "root") with these rotations; positions are NaN unless one is given for all."""
+def frame_of(turns: dict[str, FloatArray]) -> StreamFrame:
+    """Bones (and "root") with these rotations; positions are NaN."""
     names = tuple("root://root" if bone == "root" else f"bone://{bone}" for bone in turns)
     count = len(names)
-    places = np.full((count, 3), np.nan) if position is None else np.tile(position, (count, 1))
-    return StreamFrame(names, places, np.array(list(turns.values())).reshape(count, 4), np.full(count, tracked))
+    turned = np.array(list(turns.values())).reshape(count, 4)
+    return StreamFrame(names, np.full((count, 3), np.nan), turned, np.full(count, True))
 
 
 def world(frame: StreamFrame) -> dict[str, tuple[FloatArray, FloatArray]]:
@@ -251,13 +282,8 @@ def test_positions_of_the_t_pose_are_those_of_our_human() -> None:
     ours = world(frame_of(still()))
     human = build_human(person)
     theirs = dict(zip(POINTS, place(human, human.posture("t_pose"), POINTS), strict=True))
-    pairs = {
-        "LeftHand": "l_wrist",
-        "RightLowerArm": "r_elbow",
-        "Head": "head",
-        "LeftToes": "l_toe",
-        "RightUpperLeg": "r_hip",
-    }
+    pairs = {"LeftHand": "l_wrist", "RightLowerArm": "r_elbow", "Head": "head", "LeftToes": "l_toe"}
+    pairs["RightUpperLeg"] = "r_hip"
     for bone, point in pairs.items():
         from_hips = ours[bone][0] - ours["Hips"][0]
         assert_allclose(from_hips, theirs[point] - theirs["pelvis"], atol=1e-9, err_msg=bone)
