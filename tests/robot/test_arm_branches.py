@@ -1,4 +1,4 @@
-"""An arm in a wrong branch of its postures is led out of it while the performer's arm is still, and only then."""
+"""An arm in a wrong branch of its postures is driven out of it while the performer's arm is still, and only then."""
 
 from dataclasses import replace
 from math import inf
@@ -6,8 +6,8 @@ from math import inf
 import numpy as np
 import pytest
 
-from followers import DT, dimensions, performer, postures, settled
-from retarget.model.robot import RobotBody, load_robot
+from followers import DT, dimensions, performer, postures, settled, shipped
+from retarget.model.robot import RobotBody
 from retarget.robot import arm_branches
 from retarget.robot.arm_branches import arm_postures, chain_to_anchor
 from retarget.robot.follower import Follower
@@ -17,33 +17,26 @@ from retarget.types import FloatArray
 
 STARTS = 5
 """Postures of an arm, spread over all that its joints can do, from which it is to find back."""
-SECONDS = 4.0
-WRONG = 0.5
-"""rad."""
+WRONG = 0.5  # rad
 
 
-def following(name: str) -> tuple[RobotBody, Follower]:
-    robot = load_robot(name)
-    return robot, Follower(robot, load_priorities("servo"), dimensions(performer()))
+def following(name: str) -> Follower:
+    return Follower(shipped(name), load_priorities("servo"), dimensions(performer()))
 
 
 def arm(robot: RobotBody, q: FloatArray) -> FloatArray:
     """Unit lines (2, 3) of the left upper arm and forearm in posture q (nq,)."""
     limbs = [robot_limbs(robot)[name] for name in ("l_upper_arm", "l_forearm")]
-    ends = np.array(
-        [
-            [robot.kinematics.points(q[None], [at.body], at.position[None])[0, 0] for at in (limb.begin, limb.end)]
-            for limb in limbs
-        ]
-    )
-    lines = ends[:, 1] - ends[:, 0]
+    ends = [at for limb in limbs for at in (limb.begin, limb.end)]
+    places = robot.kinematics.points(q[None], [at.body for at in ends], np.array([at.position for at in ends]))[0]
+    lines = places[1::2] - places[::2]
     return np.asarray(lines / np.linalg.norm(lines, axis=1, keepdims=True))
 
 
 def off_from_anywhere(name: str) -> FloatArray:
     """Larger angle (STARTS,), rad, between the limbs of a left arm that began anywhere while the performer stands, and
     where it is in a run from the stance. Asserts that it keeps its limits on the way."""
-    robot, follower = following(name)
+    robot, follower = shipped(name), following(name)
     human = postures(performer())[0]
     follower.start(human)
     good = settled(follower, human)[-1].q
@@ -54,7 +47,7 @@ def off_from_anywhere(name: str) -> FloatArray:
         q = good.copy()
         q[columns] = start[columns]
         follower.reseed(q, np.zeros(robot.body.nv))
-        for _ in range(round(SECONDS / DT)):
+        for _ in range(round(4.0 / DT)):
             before, q = q, follower.step(human, DT).q
             joints, moved = q[robot.servo_columns], (q - before)[robot.servo_columns]
             assert (joints >= limits.lower - 1e-9).all() and (joints <= limits.upper + 1e-9).all()
@@ -66,19 +59,19 @@ def off_from_anywhere(name: str) -> FloatArray:
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["wolfgang", "op3"])
 def test_an_arm_finds_back_from_any_branch(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without being led it stays in a wrong one for ever."""
+    """Without that it stays in a wrong one for ever."""
     assert off_from_anywhere(name).max() < WRONG
     monkeypatch.setattr(arm_branches, "UNLIKE_S", inf)
     assert off_from_anywhere(name).max() > WRONG
 
 
-def test_an_arm_that_only_lags_is_not_led(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_arm_that_only_lags_is_not_driven(monkeypatch: pytest.MonkeyPatch) -> None:
     """A jump of the performer's arms is caught up with on the shortest way, to the bit."""
     clip = postures(performer())
     raised = max(clip, key=lambda human: human.joints[human.joint_names.index("l_wrist"), 2])
 
     def jumped() -> FloatArray:
-        _, follower = following("wolfgang")
+        follower = following("wolfgang")
         follower.start(clip[0])
         return np.array([follower.step(raised, DT).q for _ in range(round(2.0 / DT))])
 
@@ -88,8 +81,8 @@ def test_an_arm_that_only_lags_is_not_led(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.long
-def test_an_arm_that_does_not_arrive_is_led_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is asked for its limbs again, and led no more while the performer stands."""
+def test_an_arm_that_does_not_arrive_is_driven_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its limbs are its targets again, and it is driven no more while the performer stands."""
     monkeypatch.setattr(arm_branches, "LONGEST_DRIVE_S", 0.02)
     assert off_from_anywhere("wolfgang").max() > WRONG
 
@@ -108,7 +101,7 @@ def test_an_arm_that_stays_unlike_hardly_bends_the_trunk(monkeypatch: pytest.Mon
         return np.asarray((neck - pelvis) / np.linalg.norm(neck - pelvis))
 
     def bent() -> float:
-        robot, follower = following("toddlerbot")
+        robot, follower = shipped("toddlerbot"), following("toddlerbot")
         follower.start(start)
         q = [follower.step(human, DT).q for _ in range(round(2.0 / DT))][-1]
         return float(np.linalg.norm(trunk(robot, q) - trunk(robot, follower.stance.q)))

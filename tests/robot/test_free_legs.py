@@ -1,7 +1,8 @@
 """A robot with free legs: it goes and turns where its performer does, on a floor, within its limits, on no servos."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,17 +30,15 @@ from retarget.sources.open import open_source
 from retarget.types import Carrying, FloatArray
 from sim.performer import synthetic_performer
 
-UP = np.array([0.0, 0.0, 1.0])
-SPEED = np.array([0.6, 0.3, 0.0])
-"""[m/s] At which the performer is carried along."""
-TURN = 0.5
-"""[rad/s] At which they are turned."""
+SPEED, TURN = np.array([0.6, 0.3, 0.0]), 0.5
+"""[m/s], [rad/s] at which the performer is carried along and turned."""
 
 
-def carried(frames: SensorFrames, speed: FloatArray, turn: float) -> SensorFrames:
+def carried(frames: SensorFrames) -> SensorFrames:
     """The same performer, who is carried along and turned meanwhile."""
-    turned, gone = from_axis_angle(UP, turn * frames.time)[:, None], (frames.time[:, None] * speed)[:, None]
+    turned = from_axis_angle(np.array([0.0, 0.0, 1.0]), TURN * frames.time)[:, None]
     assert frames.joints is not None
+    gone = frames.time[:, None, None] * SPEED
     return replace(
         frames,
         position=rotate(turned, frames.position) + gone,
@@ -48,67 +47,61 @@ def carried(frames: SensorFrames, speed: FloatArray, turn: float) -> SensorFrame
     )
 
 
-def followed(frames: SensorFrames) -> RunResult:
+@dataclass(frozen=True)
+class Walked:
+    """A run, its robot, what was sent, and the heights (T,) m of the lowest corner of a sole in that."""
+
+    run: RunResult
+    robot: RobotBody
+    q: FloatArray
+    lowest: FloatArray
+
+    def points(self, *names: str) -> FloatArray:
+        """Where frames of the robot were while it followed, (T, k, 3) m."""
+        return self.robot.points(self.q[self.run.record.following], names)
+
+
+def followed(frames: SensorFrames) -> Walked:
     options = RunOptions(robot="op3", legs="free")
     with prepare(lambda: frames, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
-        return prepared.run()
-
-
-def lowest(run: RunResult) -> FloatArray:
-    """Heights (T,) m of the lowest corner of a sole in what was sent."""
+        run = prepared.run()
     robot, sent = run.robot, run.record.robot
     assert robot is not None and sent is not None
     links, local = robot.sole_corners
-    return np.asarray(robot.kinematics.points(np.ascontiguousarray(sent.q), links, local)[..., 2].min(axis=1))
+    corners = robot.kinematics.points(np.ascontiguousarray(sent.q), links, local)
+    return Walked(run, robot, sent.q, corners[..., 2].min(axis=1))
 
 
-def leg_scale(robot: RobotBody, run: RunResult) -> float:
+def test_it_goes_as_far_as_its_legs_are_long_on_the_floor_and_within_limits() -> None:
+    walked = followed(carried(synthetic_performer().cut(0.0, 3.0)))
+    run, record, report = walked.run, walked.run.record, measure(walked.run)
+    hips = record.human_joints[record.following][:, [record.human_joint_names.index(f"{s}_hip") for s in "lr"]]
     rest = dict(zip(POINTS, run.human.dimensions.standing(), strict=True))
-    return limb_scale(robot.profile.landmarks["pelvis"], rest)
-
-
-@pytest.fixture(scope="module")
-def run() -> RunResult:
-    return followed(carried(synthetic_performer().cut(0.0, 3.0), SPEED, TURN))
-
-
-def test_it_goes_as_far_as_its_legs_are_long(run: RunResult) -> None:
-    robot, sent, following = run.robot, run.record.robot, run.record.following
-    assert robot is not None and sent is not None
-    hips = run.record.human_joints[following][:, [run.record.human_joint_names.index(f"{s}_hip") for s in "lr"]]
-    performer = leg_scale(robot, run) * (hips.mean(axis=1) - hips[0].mean(axis=0))[:, :2]
-    pelvis = robot.points(sent.q[following], ("pelvis",))[:, 0, :2]
-    gone = pelvis - pelvis[0]
-    assert np.linalg.norm(performer[-1]) > 0.3
-    np.testing.assert_allclose(np.linalg.norm(gone[-1]), np.linalg.norm(performer[-1]), atol=0.03)
-    turned = measure(run).turned_deg
+    scale = limb_scale(walked.robot.profile.landmarks["pelvis"], rest)
+    performer = scale * (hips.mean(axis=1) - hips[0].mean(axis=0))[-1, :2]
+    pelvis = walked.points("pelvis")[:, 0, :2]
+    assert np.linalg.norm(performer) > 0.3
+    np.testing.assert_allclose(np.linalg.norm(pelvis[-1] - pelvis[0]), np.linalg.norm(performer), atol=0.03)
+    turned = report.turned_deg
     assert turned.robot is not None and turned.performer is not None  # both seen through a slow low pass
     assert turned.robot > 50.0 and turned.robot == pytest.approx(turned.performer, abs=6.0)
-
-
-def test_no_sole_is_below_the_floor_and_limits_are_kept(run: RunResult) -> None:
-    assert lowest(run).min() > -1e-6
-    report = measure(run)
+    assert walked.lowest.min() > -1e-6
     assert report.penetrating_frames == 0 and not any(vars(report.limit_violations).values())
 
 
 def test_soles_of_a_performer_who_stays_do_not_slide_away() -> None:
     """Crouches that a robot in balance would not get down to: its feet stay within 15 mm."""
-    run = followed(synthetic_performer().cut(0.0, 4.0))
-    robot, sent = run.robot, run.record.robot
-    assert robot is not None and sent is not None and lowest(run).min() > -1e-6
-    soles = robot.points(sent.q[run.record.following], ("l_sole", "r_sole"))[..., :2]
-    assert np.linalg.norm(soles - soles[0], axis=-1).max() < 0.015
+    walked = followed(synthetic_performer().cut(0.0, 4.0))
+    soles = walked.points("l_sole", "r_sole")[..., :2]
+    assert walked.lowest.min() > -1e-6 and np.linalg.norm(soles - soles[0], axis=-1).max() < 0.015
 
 
 def test_soles_stay_under_a_performer_who_turns_to_and_fro(shared: Path) -> None:
     """The trunk of a boxer turns by 50 degrees, and their ankles move by 9 mm in the robot's size."""
-    run = followed(open_source(str(shared / "mocap/cmu_asfamc/02_05.amc"), rate=120.0).cut(0.0, 4.0))
-    robot, sent = run.robot, run.record.robot
-    assert robot is not None and sent is not None
-    soles = robot.points(sent.q[run.record.following], ("l_sole", "r_sole"))[..., :2]
+    walked = followed(open_source(str(shared / "mocap/cmu_asfamc/02_05.amc"), rate=120.0).cut(0.0, 4.0))
+    soles = walked.points("l_sole", "r_sole")[..., :2]
     assert np.linalg.norm(soles - np.median(soles, axis=0), axis=-1).max() < 0.012
-    assert "soles" in [one.name for one in findings(run, measure(run))]
+    assert "soles" in [one.name for one in findings(walked.run, measure(walked.run))]
 
 
 def test_a_foot_that_carries_stays_on_its_spot_until_the_performer_s_is_far() -> None:
@@ -133,16 +126,14 @@ def test_a_foot_that_carries_stays_on_its_spot_until_the_performer_s_is_far() ->
 
 def test_a_walk_is_a_walk(shared: Path) -> None:
     """Feet pass each other, and the robot does not fall behind: a frozen or a planted robot fails."""
-    run = followed(open_source(str(shared / "mocap/cmu_asfamc/02_01.amc"), rate=120.0))
-    robot, sent, following = run.robot, run.record.robot, run.record.following
-    assert robot is not None and sent is not None and lowest(run).min() > -1e-6
-    soles = robot.points(sent.q[following], ("l_sole", "r_sole"))
+    walked = followed(open_source(str(shared / "mocap/cmu_asfamc/02_01.amc"), rate=120.0))
+    soles, pelvis = walked.points("l_sole", "r_sole"), walked.points("pelvis")[:, 0, 0]
     ahead = soles[:, 0, 0] - soles[:, 1, 0]
+    assert walked.lowest.min() > -1e-6
     assert ahead.max() > 0.05 and ahead.min() < -0.05 and np.count_nonzero(np.diff(np.sign(ahead))) >= 4
-    likeness = measure(run).likeness_deg
+    likeness = measure(walked.run).likeness_deg
     assert likeness is not None and likeness["thighs"].mean < 14.0 and likeness["shanks"].mean < 16.0
-    pelvis = robot.points(sent.q[following], ("pelvis",))[:, 0]
-    assert pelvis[-1, 0] - pelvis[0, 0] > 0.75
+    assert pelvis[-1] - pelvis[0] > 0.75
 
 
 def test_a_recording_of_it_is_replayed_to_the_bit_and_exported_where_it_went(tmp_path: Path) -> None:
@@ -154,42 +145,30 @@ def test_a_recording_of_it_is_replayed_to_the_bit_and_exported_where_it_went(tmp
     np.testing.assert_allclose(read_run(tmp_path / "run.mcap").q[:, :3], sent.q[:, :3], atol=1e-6)
 
 
-REFUSED = {
-    "emulated servos": ({"bus": "emulator"}, "--bus emulator"),
-    "mass": ({"bus": "physics"}, "--bus physics"),
-    "mass and a wire": ({"bus": "physics+wire"}, "--bus physics+wire"),
-    "the profile's servos": ({"bus": "profile"}, "--bus profile"),
-    "a port": ({"bus": "/dev/ttyUSB0"}, "--bus /dev/ttyUSB0"),
-    "still legs": ({"parts": "upper"}, "--parts"),
-    "steps": ({"steps": "walk"}, "--steps"),
-    "a human": ({"robot": "human"}, "--legs"),
-    "other legs": ({"legs": "fre"}, "Did you mean free"),
-    "legs of the profile": ({"legs": "planted"}, "free"),
-}
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    *(({"bus": bus}, f"--bus {bus}") for bus in ("emulator", "physics", "physics+wire", "profile", "/dev/ttyUSB0")),
+    ({"parts": "upper"}, "--parts"),
+    ({"steps": "walk"}, "--steps"),
+    ({"robot": "human"}, "--legs"),
+    ({"legs": "fre"}, "Did you mean free"),
+    ({"legs": "planted"}, "free"),
+]
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_cannot_have_free_legs_is_refused(case: str) -> None:
-    given, fact = REFUSED[case]
-    with refuses(UsageError, fact):
-        RunOptions(**{"robot": "op3", "legs": "free"} | given)  # type: ignore[arg-type]
+def test_what_cannot_have_free_legs_is_refused() -> None:
+    for given, fact in REFUSED:
+        with refuses(UsageError, fact):
+            RunOptions(**{"robot": "op3", "legs": "free"} | given)
 
 
-@pytest.mark.parametrize("bus", ["mock", "none"])
-def test_buses_without_servos_have_it(bus: str) -> None:
-    assert RunOptions(robot="op3", bus=bus, legs="free").root == "floating"
-
-
-def test_a_robot_that_floats_does_not_stand() -> None:
+def test_a_robot_that_floats_does_not_stand_and_needs_soles_that_follow() -> None:
+    for bus in ("mock", "none"):
+        assert RunOptions(robot="op3", bus=bus, legs="free").root == "floating"
     robot = load_robot("op3", root="floating")
-    assert robot.on_floor and not robot.stands and not plant(robot, robot.profile.postures.stand).soles
+    floats, marks = plant(robot, robot.profile.postures.stand), dict(robot.profile.landmarks)
+    assert robot.on_floor and not robot.stands and not floats.soles
     assert load_robot("op3").stands and not load_robot("op3").floats
-
-
-def test_a_profile_without_soles_that_follow_is_refused() -> None:
-    robot = load_robot("op3", root="floating")
-    stance, marks = plant(robot, robot.profile.postures.stand), dict(robot.profile.landmarks)
     del marks["l_sole"]
     size = dimensions(synthetic_performer().cut(0.0, 0.1))
     with refuses(ConfigError, "landmarks", "a sole for each ankle"):
-        LandmarkMap(robot.profile.model_copy(update={"landmarks": marks}), size, stance, None, floats=True)
+        LandmarkMap(robot.profile.model_copy(update={"landmarks": marks}), size, floats, None, floats=True)

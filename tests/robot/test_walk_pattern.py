@@ -24,19 +24,9 @@ from retarget.robot.walking.pattern import (
 )
 from retarget.types import FloatArray
 
-GAIT = Gait(
-    ticks=72,
-    least_ticks=65,
-    most_ticks=122,
-    double_ticks=6,
-    dt=0.008,
-    height=0.23,
-    width=0.095,
-    lift=0.01,
-    longest=0.1,
-)
+GAIT = Gait(72, 65, 122, 6, dt=0.008, height=0.23, width=0.095, lift=0.01, longest=0.1)
 REQUESTS = pytest.mark.parametrize(
-    "asked",
+    "command",
     [
         Request(),
         Request(forward=0.14),
@@ -55,46 +45,34 @@ def stand(x: float = 0.0, yaw: float = 0.0) -> Pattern:
     return standing((middle.moved(half), middle.moved(-half)), np.array([x, 1.0, GAIT.height]), 1)
 
 
-def steps_from(begun: Pattern, row: int, swinging: int, asked: Request, ticks: int, double: int) -> tuple[Step, Step]:
-    """A step, and the one that brings the feet together."""
-    time = ticks * GAIT.dt
-    support = begun.feet(row)[1 - swinging]
-    target = next_foothold(GAIT, support, clipped(GAIT, asked, time), swinging, time)
-    beside = next_foothold(GAIT, target, Request(), 1 - swinging, GAIT.period)
-    single = GAIT.ticks - GAIT.double_ticks
-    return Step(1 - swinging, target, double, ticks - GAIT.double_ticks), Step(
-        swinging, beside, GAIT.double_ticks, single
-    )
-
-
-def joined(first: Pattern, row: int, then: Pattern) -> Pattern:
-    """A pattern up to a row, from which another goes on."""
-    return Pattern(*(np.concatenate([getattr(first, name)[:row], getattr(then, name)]) for name in vars(first)))
-
-
-def walked(asked: list[tuple[Request, int]], begun: Pattern | None = None) -> tuple[Pattern, list[Pattern]]:
+def walked(requests: list[tuple[Request, int]], begun: Pattern | None = None) -> tuple[Pattern, list[Pattern]]:
     """A walk of these requests, a step of so many ticks each, and its end; and all paths that were planned for it."""
     whole = stand() if begun is None else begun
     paths, path, row, at, swinging, double = list[Pattern](), whole, 0, 0, RIGHT, GAIT.natural(CATCH)
-    for one, ticks in asked:
-        steps = steps_from(path, row, swinging, one, ticks, double)
+    single = GAIT.ticks - GAIT.double_ticks
+    for command, ticks in requests:
+        time = ticks * GAIT.dt
+        target = next_foothold(GAIT, path.feet(row)[1 - swinging], clipped(GAIT, command, time), swinging, time)
+        beside = next_foothold(GAIT, target, Request(), 1 - swinging, GAIT.period)  # brings the feet together
+        first = Step(1 - swinging, target, double, ticks - GAIT.double_ticks)
+        steps = (first, Step(swinging, beside, GAIT.double_ticks, single))
         path = walk(GAIT, path, row, steps, walking_heights(GAIT, 0.05))
-        whole, paths = joined(whole, at, path), [*paths, path]
-        row = steps[0].double + steps[0].single
+        parts = {name: np.concatenate([getattr(whole, name)[:at], getattr(path, name)]) for name in vars(path)}
+        whole, paths, row = Pattern(**parts), [*paths, path], first.double + first.single
         at, swinging, double = at + row, 1 - swinging, GAIT.double_ticks
     return whole, paths
 
 
-def accelerations(way: FloatArray) -> FloatArray:
-    """Second differences (k - 2, n) of a way (k, n), m/s^2."""
-    return np.asarray((way[2:] - 2.0 * way[1:-1] + way[:-2]) / (GAIT.dt * GAIT.dt))
+def accelerations(path: FloatArray) -> FloatArray:
+    """Second differences (k - 2, n) of a path (k, n), m/s^2."""
+    return np.diff(path, n=2, axis=0) / (GAIT.dt * GAIT.dt)
 
 
 @REQUESTS
 @pytest.mark.parametrize("ticks", [66, 72, 120])
-def test_the_mass_moves_as_a_pendulum_over_its_zero_moment_point(asked: Request, ticks: int) -> None:
+def test_the_mass_moves_as_a_pendulum_over_its_zero_moment_point(command: Request, ticks: int) -> None:
     """c'' = w^2 (c - z) by differences, across all changes of support, from rest to rest."""
-    whole, _ = walked([(asked, ticks)] * 8)
+    whole, _ = walked([(command, ticks)] * 8)
     mass, between = whole.mass[:, :2], 0.5 * (whole.zmp[1:] + whole.zmp[:-1])
     pressed = 0.5 * (between[1:] + between[:-1])
     # Within two ticks the mass is bent as much as between them: 2 (cosh(w dt) - 1) in place of (w dt)^2.
@@ -106,10 +84,10 @@ def test_the_mass_moves_as_a_pendulum_over_its_zero_moment_point(asked: Request,
 
 
 @REQUESTS
-def test_the_zero_moment_point_is_under_the_soles_that_carry(asked: Request) -> None:
+def test_the_zero_moment_point_is_under_the_soles_that_carry(command: Request) -> None:
     """Along its own way, and hardly beyond the middle of a sole that carries alone: by what a foot rolls, and what a
-    new request takes."""
-    whole, _ = walked([(asked, 72)] * 8)
+    new command takes."""
+    whole, _ = walked([(command, 72)] * 8)
     for row in range(len(whole.zmp)):
         carries = whole.carries[row]
         if carries.all():
@@ -120,9 +98,9 @@ def test_the_zero_moment_point_is_under_the_soles_that_carry(asked: Request) -> 
 
 
 @REQUESTS
-def test_nothing_jumps_where_the_support_changes_or_a_path_goes_on_from_another(asked: Request) -> None:
+def test_nothing_jumps_where_the_support_changes_or_a_path_goes_on_from_another(command: Request) -> None:
     """Mass, zero-moment point, yaw and both soles go on where they were."""
-    whole, _ = walked([(asked, 72), (asked, 66), (Request(), 90), (asked, 72), (asked, 120), (asked, 72)])
+    whole, _ = walked([(command, 72), (command, 66), (Request(), 90), (command, 72), (command, 120), (command, 72)])
     assert np.abs(accelerations(whole.mass[:, :2])).max() < 8.0
     # The zero-moment point goes 0.1 m in six ticks, 1.5 times as fast in the middle of those.
     assert np.abs(np.diff(whole.zmp, axis=0)).max() < 1.5 * 0.14 / 6 + 0.005
@@ -132,10 +110,10 @@ def test_nothing_jumps_where_the_support_changes_or_a_path_goes_on_from_another(
 
 
 @REQUESTS
-def test_a_foot_leaves_the_floor_and_comes_down_at_rest(asked: Request) -> None:
+def test_a_foot_leaves_the_floor_and_comes_down_at_rest(command: Request) -> None:
     """A sole lifts and lands at less than a hundredth of its greatest speed, is never below the floor, and stays while
     it carries."""
-    whole, _ = walked([(asked, 72)] * 6)
+    whole, _ = walked([(command, 72)] * 6)
     places, carries = whole.soles[..., :3], whole.carries
     assert places[..., 2].min() >= 0.0
     speed = np.linalg.norm(np.diff(places, axis=0), axis=-1) / GAIT.dt
@@ -151,16 +129,16 @@ def test_a_foot_leaves_the_floor_and_comes_down_at_rest(asked: Request) -> None:
 
 @REQUESTS
 @pytest.mark.parametrize("ticks", [72, 100])
-def test_steps_become_what_is_asked(asked: Request, ticks: int) -> None:
-    """Over two steps the feet have gone and turned as far as the request says."""
-    whole, _ = walked([(asked, ticks)] * 9)
+def test_steps_become_the_request(command: Request, ticks: int) -> None:
+    """Over two steps the feet have gone and turned as far as the command says."""
+    whole, _ = walked([(command, ticks)] * 9)
     both = np.asarray(whole.carries.all(axis=1))
     landed = np.flatnonzero(both[1:] & ~both[:-1]) + 1
     first, last = landed[4], landed[6]
     went = 0.5 * (whole.soles[last, :, :2] - whole.soles[first, :, :2]).sum(axis=0)
     yaw, turned = float(whole.yaws[first]), float(whole.yaws[last] - whole.yaws[first])
     time = 2 * ticks * GAIT.dt
-    made = clipped(GAIT, asked, ticks * GAIT.dt)
+    made = clipped(GAIT, command, ticks * GAIT.dt)
     assert turned == pytest.approx(made.turn * time, abs=1e-9)
     ahead = rotated(went, -yaw - 0.25 * turned)  # the feet between both landings
     np.testing.assert_allclose(ahead, [made.forward * time, made.left * time], atol=0.004)
@@ -172,11 +150,10 @@ requests = st.builds(lambda x, y, z: Request(x * MOST.forward, y * MOST.left, z 
 
 @given(st.lists(st.tuples(requests, ticked), min_size=1, max_size=6), st.floats(-3.0, 3.0), st.floats(-2.0, 2.0))
 def test_a_walk_ends_on_both_feet_side_by_side_wherever_it_began(
-    asked: list[tuple[Request, int]], yaw: float, x: float
+    command: list[tuple[Request, int]], yaw: float, x: float
 ) -> None:
-    """Every path that was planned, whatever is asked from step to step; feet never come nearer to each other than the
-    gait allows."""
-    _, paths = walked(asked, stand(x, yaw))
+    """Every path that was planned, for any commands; feet never come nearer to each other than the gait allows."""
+    _, paths = walked(command, stand(x, yaw))
     for path in paths:
         left, right = path.feet(-1)
         np.testing.assert_allclose(rotated(left.place - right.place, -left.yaw), [0.0, GAIT.width], atol=1e-6)
@@ -184,16 +161,14 @@ def test_a_walk_ends_on_both_feet_side_by_side_wherever_it_began(
         np.testing.assert_allclose(path.mass[-1, :2], 0.5 * (left.place + right.place), atol=1e-9)
         np.testing.assert_allclose(path.mass[-2], path.mass[-1], atol=1e-5)
         for soles, mid in zip(path.soles, path.yaws, strict=True):
-            apart = rotated(soles[LEFT, :2] - soles[RIGHT, :2], -float(mid))[1]
-            assert apart > 0.8 * GAIT.width
+            assert rotated(soles[LEFT, :2] - soles[RIGHT, :2], -float(mid))[1] > 0.8 * GAIT.width
 
 
 @given(requests, st.floats(0.4, 2.0))
-def test_what_is_asked_at_once_is_no_more_than_all_that_legs_can(asked: Request, time: float) -> None:
-    made = clipped(GAIT, asked, time)
+def test_a_request_is_clipped_to_all_that_legs_can(command: Request, time: float) -> None:
+    made = clipped(GAIT, command, time)
     assert np.hypot(made.forward / MOST.forward, made.left / MOST.left) <= 1.0 + 1e-12 and abs(made.turn) <= MOST.turn
     assert abs(made.forward) * time <= GAIT.longest + 1e-12
-    assert made.forward * asked.left == pytest.approx(made.left * asked.forward, abs=1e-9), (
-        "it goes the way that is asked"
-    )
-    assert made.turn * asked.turn >= 0.0
+    across = made.forward * command.left - made.left * command.forward
+    assert across == pytest.approx(0.0, abs=1e-9), "it goes in the direction of the command"
+    assert made.turn * command.turn >= 0.0

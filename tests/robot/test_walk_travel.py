@@ -5,15 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from followers import op3
-from retarget.ik.support_polygon import plant
+from followers import op3, stance
 from retarget.robot.walking.gait import fastest, gait_of
 from retarget.robot.walking.pattern import Gait, Request
 from retarget.robot.walking.travel import Travel
 from retarget.types import Carrying, FloatArray, HumanPosture
 
 DT = 0.008
-GAIT: Gait = gait_of(op3(), plant(op3(), op3().profile.postures.stand), dt=DT)
+GAIT: Gait = gait_of(op3(), stance(), dt=DT)
 MOST = fastest(GAIT)
 SCALE = 0.25
 STEP_S = 0.6
@@ -46,47 +45,36 @@ class Stroller:
             swing = 0.15 * np.sin(np.pi * self.t / STEP_S)
         joints = np.array([[*self.feet[0], 0.08], [*self.feet[1], 0.08]])
         facing = float(np.cos(self.yaw + swing)), float(np.sin(self.yaw + swing))
-        return HumanPosture(
-            np.zeros(0),
-            ("l_ankle", "r_ankle"),
-            joints,
-            np.zeros((3, 4)),
-            np.zeros(3),
-            np.zeros(0),
-            0.0,
-            facing,
-            carrying=carrying,
-        )
+        names, turns, nothing = ("l_ankle", "r_ankle"), np.zeros((3, 4)), np.zeros(0)
+        return HumanPosture(nothing, names, joints, turns, np.zeros(3), nothing, 0.0, facing, carrying=carrying)
 
 
-def velocity_of(asked: Request) -> tuple[float, float, float]:
-    return asked.forward, asked.left, asked.turn
+def velocity_of(request: Request) -> FloatArray:
+    return np.array([request.forward, request.left, request.turn])
 
 
-def within(asked: Request | None) -> Request:
-    """What a robot does that is asked for this."""
-    if asked is None:
-        return Request()
-    forward, left, turn = np.clip(velocity_of(asked), -np.array(velocity_of(MOST)), velocity_of(MOST)).tolist()
-    return Request(forward, left, turn)
+def within(request: Request | None) -> Request:
+    """What a robot does that gets this request."""
+    most = velocity_of(MOST)
+    return Request() if request is None else Request(*np.clip(velocity_of(request), -most, most).tolist())
 
 
 def driven(
     velocity: tuple[float, float, float], *, walk_s: float, stand_s: float = 4.0
 ) -> tuple[list[Request | None], Travel]:
-    """What is asked tick by tick of a robot that does at once what it is asked, within what it can."""
+    """What is request tick by tick of a robot that does at once what it is request, within what it can."""
     travel, performer, robot = Travel(GAIT, MOST, scale=SCALE), Stroller(np.array(velocity)), Request()
     found = list[Request | None]()
     for tick in range(round((1.0 + walk_s + stand_s) / DT)):
-        asked = travel.step(performer.step(walks=1.0 < tick * DT < 1.0 + walk_s), robot)
-        found.append(asked)
-        robot = within(asked)
+        request = travel.step(performer.step(walks=1.0 < tick * DT < 1.0 + walk_s), robot)
+        found.append(request)
+        robot = within(request)
     return found, travel
 
 
-def middle(asked: list[Request | None]) -> FloatArray:
-    """The mean of what is asked in the middle of a walk (3,), and how it varies (3,)."""
-    rows = np.array([velocity_of(one) for one in asked[600:1000] if one is not None])
+def middle(request: list[Request | None]) -> FloatArray:
+    """The mean of what is request in the middle of a walk (3,), and how it varies (3,)."""
+    rows = np.array([velocity_of(one) for one in request[600:1000] if one is not None])
     assert len(rows) == 400
     return np.array([rows.mean(axis=0), np.ptp(rows, axis=0)])
 
@@ -94,9 +82,9 @@ def middle(asked: list[Request | None]) -> FloatArray:
 @pytest.mark.parametrize("velocity", [(0.3, 0.0, 0.0), (-0.2, 0.0, 0.0), (0.0, 0.12, 0.0), (0.2, 0.0, 0.25)])
 def test_a_robot_that_can_walks_as_the_performer_scaled(velocity: tuple[float, float, float]) -> None:
     """Its pelvis swings from step to step, and is not followed in that."""
-    asked, travel = driven(velocity, walk_s=10.0)
+    request, travel = driven(velocity, walk_s=10.0)
     wanted = np.array([SCALE, SCALE, 1.0]) * velocity
-    mean, varies = middle(asked)
+    mean, varies = middle(request)
     np.testing.assert_allclose(mean, wanted, atol=0.012)
     assert varies[2] < 0.1, "a swing of 0.15 rad at its speed would be 1.5 rad/s"
     (walked, turned), (gone, around) = travel.walked, travel.desired
@@ -104,16 +92,9 @@ def test_a_robot_that_can_walks_as_the_performer_scaled(velocity: tuple[float, f
     assert turned == pytest.approx(10.0 * abs(wanted[2]), abs=0.4) and around >= 0.0
 
 
-def test_steps_on_the_spot_are_steps_on_the_spot() -> None:
-    asked, _ = driven((0.0, 0.0, 0.0), walk_s=8.0)
-    assert np.abs(middle(asked)[0]).max() < 0.01
-
-
-def test_who_stands_asks_for_nothing() -> None:
+def test_steps_on_the_spot_stay_there_and_a_stand_and_one_lifted_foot_are_no_walk() -> None:
+    assert np.abs(middle(driven((0.0, 0.0, 0.0), walk_s=8.0)[0])[0]).max() < 0.01
     assert not any(driven((0.3, 0.0, 0.0), walk_s=0.0)[0])
-
-
-def test_one_lifted_foot_is_no_walk() -> None:
     travel, performer = Travel(GAIT, MOST, scale=SCALE), Stroller(np.zeros(3))
     assert not any(travel.step(performer.step(walks=0.5 < tick * DT < 0.9), Request()) for tick in range(400))
 
@@ -121,8 +102,8 @@ def test_one_lifted_foot_is_no_walk() -> None:
 @pytest.mark.parametrize("velocity", [(0.3, 0.0, 0.0), (1.2, 0.0, 0.0), (0.0, 0.0, 1.5)])
 def test_it_begins_and_ends_with_the_performer(velocity: tuple[float, float, float]) -> None:
     """Within two steps of the robot, however far a fast performer has gone."""
-    asked, _ = driven(velocity, walk_s=6.0)
-    walks = np.array([one is not None for one in asked])
+    request, _ = driven(velocity, walk_s=6.0)
+    walks = np.array([one is not None for one in request])
     begins, ends = np.flatnonzero(np.diff(walks.astype(int)) == 1), np.flatnonzero(np.diff(walks.astype(int)) == -1)
     assert len(begins) == len(ends) == 1
     assert 0.0 <= begins[0] * DT - 1.0 < 2.0 * STEP_S
@@ -130,19 +111,19 @@ def test_it_begins_and_ends_with_the_performer(velocity: tuple[float, float, flo
 
 
 def test_what_it_is_behind_is_bounded() -> None:
-    asked, _ = driven((1.2, 0.0, 0.0), walk_s=6.0)
-    fastest_asked = max(one.forward for one in asked if one is not None)
-    assert fastest_asked <= SCALE * 1.2 + 2.0 * GAIT.period * MOST.forward / 1.5 + 0.02
+    request, _ = driven((1.2, 0.0, 0.0), walk_s=6.0)
+    greatest = max(one.forward for one in request if one is not None)
+    assert greatest <= SCALE * 1.2 + 2.0 * GAIT.period * MOST.forward / 1.5 + 0.02
 
 
-def test_who_stands_on_one_leg_does_not_walk() -> None:
+def test_a_performer_on_one_leg_does_not_walk() -> None:
     """A performer stops in the middle of a step, one foot in the air."""
     travel, performer = Travel(GAIT, MOST, scale=SCALE), Stroller(np.array([0.2, 0.0, 0.0]))
-    asked = [travel.step(performer.step(walks=True), Request()) for _ in range(600)]
+    request = [travel.step(performer.step(walks=True), Request()) for _ in range(600)]
     still = performer.step(walks=True)
     for _ in range(800):
-        asked.append(travel.step(still, within(asked[-1])))
-    assert asked[600] is not None and asked[-1] is None
+        request.append(travel.step(still, within(request[-1])))
+    assert request[600] is not None and request[-1] is None
 
 
 def test_a_new_walk_has_nothing_of_the_one_before() -> None:

@@ -1,19 +1,15 @@
-"""The walker: paths that end standing, from the posture of a robot, in whatever order they are asked for and
+"""The walker: paths that end standing, from the posture of a robot, in whatever order they are requested and
 refused."""
-
-from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from followers import op3
+from followers import op3, shipped, stance
 from retarget._solver import Braking
-from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.whole_body_stop import StopPath
 from retarget.model.body import JointLimits
-from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.following_limits import following_limits, servo_limits
 from retarget.robot.landmarks import standing_dofs
 from retarget.robot.walking.gait import fastest, gait_of
@@ -26,23 +22,13 @@ from retarget.types import FloatArray
 FORWARD = Request(forward=0.1)
 
 
-@cache
-def robot(name: str = "op3") -> RobotBody:
-    return op3() if name == "op3" else load_robot(name)
-
-
-@cache
-def stance(name: str = "op3") -> Stance:
-    return plant(robot(name), robot(name).profile.postures.stand)
-
-
 def dt(name: str = "op3") -> float:
-    return 1.0 / robot(name).profile.safety.rate_hz
+    return 1.0 / shipped(name).profile.safety.rate_hz
 
 
 def walker(name: str = "op3") -> Walker:
     """A walker of a robot that has come to rest in its stance."""
-    one, where = robot(name), stance(name)
+    one, where = shipped(name), stance(name)
     own, servos = following_limits(one, where), servo_limits(one)
     limits = JointLimits(own.lower, own.upper, servos.max_velocity, servos.max_acceleration)
     made = Walker(one, where, limits, standing_dofs(one), gait_of(one, where, dt=dt(name)))
@@ -50,35 +36,24 @@ def walker(name: str = "op3") -> Walker:
     return made
 
 
-Ways = list[tuple[WalkPath, int]]
-
-
-def swung(t: float, period: float | None) -> Swing | None:
+def swung(t: float, period: float) -> Swing:
     """The last swing of a performer whose left foot is in the middle of one at t = 0, and then the feet in turn."""
-    return None if period is None else Swing(int(t / period) % 2, t % period, period)
+    return Swing(int(t / period) % 2, t % period, period)
 
 
-def walked(one: Walker, asked: Request | None, ticks: int, q: FloatArray, *, period: float | None = None) -> Ways:
+def walked(
+    one: Walker, request: Request | None, ticks: int, q: FloatArray, *, period: float | None = None
+) -> list[tuple[WalkPath, int]]:
     """Where it is on which path, tick by tick, until it stands. period: of a performer's steps, s."""
     found = list[tuple[WalkPath, int]]()
     for tick in range(ticks):
-        one.step(asked, q, swung(one.gait.dt * tick, period))
+        one.step(request, q, period and swung(one.gait.dt * tick, period))
         assert one.path is not None
         found.append((one.path, one.row))
         if one.is_over:
             one.stand()
             break
     return found
-
-
-def kept(name: str, path: WalkPath) -> None:
-    """A path keeps what the gate checks of it."""
-    one = robot(name)
-    lost = StandingCheck(one, stance(name), dt=dt(name)).losses(StopPath(path.postures, None, path.pattern.carries))
-    assert lost.slip < 0.1 * SOLE_M and lost.shortfall < -0.003
-    joints, servos = np.ascontiguousarray(path.postures[:, one.servo_columns]), one.joint_map
-    gate = Braking(servos.lower, servos.upper, servos.max_velocity, servos.max_acceleration, dt=dt(name))
-    assert gate.keeps(joints[1], joints[1] - joints[0], joints[2:], tolerance=1e-9)
 
 
 @pytest.mark.parametrize("name", ["op3", "wolfgang"])
@@ -90,13 +65,19 @@ def test_every_path_keeps_soles_pressure_and_limits_to_its_end(
     name: str, share: tuple[float, float, float], period: float | None
 ) -> None:
     """Alone, and in time with a performer whose steps last longer than its own."""
-    one, most = walker(name), fastest(gait_of(robot(name), stance(name), dt=dt(name)))
-    asked = Request(share[0] * most.forward, share[1] * most.left, share[2] * most.turn)
+    one, robot = walker(name), shipped(name)
+    most = fastest(one.gait)
+    request = Request(share[0] * most.forward, share[1] * most.left, share[2] * most.turn)
     ticks, period = 9 * one.gait.ticks, None if period is None else period * one.gait.period
-    paths = {id(path): path for path, _ in walked(one, asked, ticks, stance(name).q, period=period)}
+    paths = {id(path): path for path, _ in walked(one, request, ticks, stance(name).q, period=period)}
     assert one.steps >= 4 and len(paths) > 4
+    check, servos = StandingCheck(robot, stance(name), dt=dt(name)), robot.joint_map
+    gate = Braking(servos.lower, servos.upper, servos.max_velocity, servos.max_acceleration, dt=dt(name))
     for path in list(paths.values())[1:]:  # the first is the stand
-        kept(name, path)
+        lost = check.losses(StopPath(path.postures, None, path.pattern.carries))
+        assert lost.slip < 0.1 * SOLE_M and lost.shortfall < -0.003
+        joints = np.ascontiguousarray(path.postures[:, robot.servo_columns])
+        assert gate.keeps(joints[1], joints[1] - joints[0], joints[2:], tolerance=1e-9)
 
 
 @pytest.mark.parametrize("period", [0.56, 0.65, 0.8, 0.98])
@@ -138,7 +119,7 @@ def test_a_path_that_is_late_is_dropped() -> None:
     assert one.steps > steps
 
 
-def test_it_goes_where_it_is_asked_and_stands_as_in_its_stance() -> None:
+def test_it_goes_where_it_should_and_stands_as_in_its_stance() -> None:
     one, q = walker(), stance().q
     walked(one, FORWARD, 1000, q)
     assert one.steps >= 10
@@ -146,7 +127,7 @@ def test_it_goes_where_it_is_asked_and_stands_as_in_its_stance() -> None:
     left, right = one.feet
     np.testing.assert_allclose((left.place - right.place)[1], one.gait.width, atol=1e-4)
     assert left.place[0] == pytest.approx(right.place[0], abs=1e-4) and left.place[0] > 0.4
-    body, soles = robot().kinematics, [sole.frame for sole in stance().soles]
+    body, soles = op3().kinematics, [sole.frame for sole in stance().soles]
     for frame, sole, foot in zip(soles, stance().soles, one.feet, strict=True):
         at = body.points(end.postures[-1:], [frame.body], frame.position[None])[0, 0]
         np.testing.assert_allclose(at[:2] - foot.place, sole.position[:2] - sole.outline.mean(axis=0), atol=1e-5)
@@ -158,7 +139,7 @@ def test_from_any_tick_it_stands_within_two_more_steps(stop: int) -> None:
     walked(one, FORWARD, stop, q)
     steps = one.steps
     left = walked(one, None, 1000, q)
-    assert one.path is None and one.steps == steps, "none is asked for any more"
+    assert one.path is None and one.steps == steps, "no more are requested"
     end = round(4.0 / one.gait.omega / one.gait.dt)
     assert len(left) <= 3 * one.gait.ticks + end
 
@@ -192,26 +173,24 @@ def test_a_robot_that_brakes_is_found_again_on_its_path() -> None:
     assert one.path is None
 
 
-asks = st.lists(
-    st.tuples(
-        st.integers(1, 150),
-        st.none() | st.builds(Request, st.floats(-0.3, 0.3), st.floats(-0.1, 0.1), st.floats(-0.6, 0.6)),
-        st.booleans(),
-    ),
-    min_size=1,
-    max_size=8,
-)
-
-
 @settings(max_examples=15)
-@given(asks)
-def test_whatever_is_asked_or_refused_postures_go_on_from_each_other(
-    asked: list[tuple[int, Request | None, bool]],
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(1, 150),
+            st.none() | st.builds(Request, st.floats(-0.3, 0.3), st.floats(-0.1, 0.1), st.floats(-0.6, 0.6)),
+            st.booleans(),
+        ),
+        min_size=1,
+        max_size=8,
+    )
+)
+def test_whatever_is_requested_or_refused_postures_go_on_from_each_other(
+    requests: list[tuple[int, Request | None, bool]],
 ) -> None:
-    """Ticks for which something is asked, and whether a new path is refused meanwhile: legs never jump, and in the end
-    they stand."""
+    """Ticks of a request, and whether a new path is refused meanwhile: legs never jump, and in the end they stand."""
     one, q, sent = walker(), stance().q, [stance().q]
-    for ticks, request, refuses in [*asked, (800, None, False)]:
+    for ticks, request, refuses in [*requests, (800, None, False)]:
         for _ in range(ticks):
             if one.path is None:
                 one.begin(sent[-1][None])
@@ -223,9 +202,9 @@ def test_whatever_is_asked_or_refused_postures_go_on_from_each_other(
             sent.append(one.path.postures[one.row])
             if one.is_over:
                 one.stand()
-    joints = np.array(sent)[:, robot().servo_columns]
-    limits = servo_limits(robot())
-    rows = [robot().body.dof_index(joint) for joint in robot().joint_map.joints]
+    joints = np.array(sent)[:, op3().servo_columns]
+    limits = servo_limits(op3())
+    rows = [op3().body.dof_index(joint) for joint in op3().joint_map.joints]
     moved = np.diff(joints, axis=0)
     assert (np.abs(moved) <= limits.max_velocity[rows] * dt() + 1e-9).all()
     assert (np.abs(np.diff(moved, axis=0)) <= limits.max_acceleration[rows] * dt() ** 2 + 1e-9).all()
