@@ -1,4 +1,4 @@
-// One joint over time: its goal, and what its servo says.
+// One joint over time: its goal, and the measurements of its servo.
 import { colour, niceStep } from "./figure.js";
 
 const QUANTITIES = { // words: unit, and the values at a row

@@ -115,7 +115,7 @@ def machine_findings(*, root: Path = ROOT) -> list[DoctorFinding]:
         ),
         *findings("scheduler", release=platform.release(), kind=kind),
         *findings("real time", priority=USUAL_PRIORITY, how=HOW_TO_PERMIT, permitted=_may_schedule()),
-        *findings("UDP buffer", most=int(most) if most.isdigit() else -1, wanted=RECEIVE_BUFFER),
+        *findings("UDP buffer", most=int(most) if most.isdigit() else -1, needed=RECEIVE_BUFFER),
     ]
 
 
@@ -232,7 +232,7 @@ def port_findings(
     if refusal is not None:
         return [refusal]
     timer = serial_port.latency_timer_ms(path, devices)
-    limits = {"timer": -1 if timer is None else timer, "wanted": serial_port.LOW_TIMER_MS}
+    limits = {"timer": -1 if timer is None else timer, "needed": serial_port.LOW_TIMER_MS}
     found = [
         finding("servo port", subject=path, target=Path(path).resolve()),
         *_holders(path, processes),
