@@ -150,19 +150,15 @@ def test_who_may_wait_loses_nothing() -> None:
 FEW_WIDTHS = {"sensors": 1, "human": 3, "joints": 1}
 
 
-@pytest.fixture
-def made() -> list[Topic]:
-    return topics(FEW_WIDTHS, {"sensors": ("head",), "joints": ("a",)}, dt=0.01, robot=None)
-
-
 class Begun:
     """A ring, events and the thread that takes them; not started."""
 
-    def __init__(self, path: Path, session: Session, made: list[Topic]) -> None:
+    def __init__(self, path: Path, session: Session) -> None:
+        made = topics(FEW_WIDTHS, {"sensors": ("head",), "joints": ("a",)}, dt=0.01, robot=None)
         self.ring, self.events = Ring(FEW_WIDTHS, rows=64), deque[LogEvent]()
-        self.file = RecordingFile(path, session, [])
-        self.file.announce(made)
-        self.thread = WritingThread(self.file, self.ring, self.events, made, lambda time: round(time * 1e9))
+        file = RecordingFile(path, session, [])
+        file.announce(made)
+        self.thread = WritingThread(file, self.ring, self.events, made, lambda time: round(time * 1e9))
 
     def fill(self, count: int) -> None:
         rows = self.ring.rows
@@ -171,8 +167,12 @@ class Begun:
             self.ring.turn()
 
 
-def test_all_that_was_finished_is_in_the_file_in_order(tmp_path: Path, session: Session, made: list[Topic]) -> None:
-    begun = Begun(tmp_path / "a.mcap", session, made)
+@pytest.fixture
+def begun(tmp_path: Path, session: Session) -> Begun:
+    return Begun(tmp_path / "a.mcap", session)
+
+
+def test_all_that_was_finished_is_in_the_file_in_order(begun: Begun, tmp_path: Path) -> None:
     begun.fill(40)
     begun.events.append(LogEvent(0.105, 10, LogLevel.INFO, "run", "hello"))
     begun.thread.start()
@@ -193,14 +193,8 @@ def test_all_that_was_finished_is_in_the_file_in_order(tmp_path: Path, session: 
     [(OSError(errno.ENOSPC, "No space left on device"), "No space left on device"), (KeyError("x"), "KeyError: 'x'")],
 )
 def test_an_error_is_kept_and_frees_a_thread_that_waits(
-    error: Exception,
-    failure: str,
-    tmp_path: Path,
-    session: Session,
-    made: list[Topic],
-    monkeypatch: pytest.MonkeyPatch,
+    error: Exception, failure: str, begun: Begun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    begun = Begun(tmp_path / "a.mcap", session, made)
     monkeypatch.setattr(RecordingFile, "flush", Mock(side_effect=error))
     begun.fill(3)
     begun.thread.start()

@@ -29,7 +29,6 @@ from retarget.recording.recorder import Recorder
 from retarget.recording.topics import GOALS, JOINTS, SENSORS, TICK
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
-from retarget.run.run_result import RunResult
 from retarget.types import RunState
 
 
@@ -38,9 +37,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return record(tmp_path_factory.mktemp("recorded") / "run.mcap")
 
 
-def goals(result: RunResult) -> list[list[int]]:
-    assert result.record.robot is not None
-    return [list(row) for row in result.record.robot.goal_ticks.tolist()]
+def assert_same(run: Recorded, whole: Recorded) -> None:
+    np.testing.assert_array_equal(run.result.record.goal_ticks, whole.result.record.goal_ticks)
 
 
 def test_it_is_opened_by_the_library_with_its_checks_on(whole: Recorded) -> None:
@@ -65,8 +63,8 @@ def test_it_is_opened_by_the_library_with_its_checks_on(whole: Recorded) -> None
 def test_every_tick_is_in_it(whole: Recorded) -> None:
     recording = read_recording(whole.path)
     result, cycles = whole.result, whole.read().cycles
-    sent, robot = result.record.robot, result.robot
-    assert sent is not None and robot is not None
+    sent, robot = result.record, result.robot
+    assert robot is not None
     kept = cycles.kept
     assert recording.damage == "" and cycles.index.tolist() == list(range(len(sent.q) + 2))
     np.testing.assert_array_equal(cycles.goal_ticks[kept], sent.goal_ticks)
@@ -84,30 +82,24 @@ def test_every_tick_is_in_it(whole: Recorded) -> None:
 
 @pytest.mark.long
 def test_recording_changes_nothing(whole: Recorded) -> None:
-    assert goals(record(None).result) == goals(whole.result)
-
-
-class Disk(io.FileIO):
-    """A file on a disk that is full, or hangs, when it has so many bytes of it."""
-
-    room = 0
-    hangs: threading.Event | None = None
-
-    def write(self, data: Any) -> int:
-        if self.tell() + len(data) > self.room:
-            if self.hangs is None:
-                super().write(data[: max(self.room - self.tell(), 0)])
-                raise OSError(errno.ENOSPC, "No space left on device")
-            self.hangs.wait(20.0)
-        return super().write(data)
+    assert_same(record(None), whole)
 
 
 def use_disk(monkeypatch: pytest.MonkeyPatch, *, room: int, hangs: threading.Event | None = None) -> None:
-    """Let new files lie on such a disk."""
-    usual, kind = Path.open, type("ThisDisk", (Disk,), {"room": room, "hangs": hangs})
+    """Let new files lie on a disk that is full, or hangs, when it has so many bytes of them."""
+    usual = Path.open
+
+    class Disk(io.FileIO):
+        def write(self, data: Any) -> int:
+            if self.tell() + len(data) > room:
+                if hangs is None:
+                    super().write(data[: max(room - self.tell(), 0)])
+                    raise OSError(errno.ENOSPC, "No space left on device")
+                hangs.wait(20.0)
+            return super().write(data)
 
     def opened(path: Path, mode: str = "r", **more: Any) -> Any:
-        return io.BufferedWriter(kind(path, mode)) if mode == "xb" else usual(path, mode, **more)
+        return io.BufferedWriter(Disk(path, mode)) if mode == "xb" else usual(path, mode, **more)
 
     monkeypatch.setattr(Path, "open", opened)
 
@@ -119,7 +111,7 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
     use_disk(monkeypatch, room=60_000)
     monkeypatch.setattr("retarget.recording.recorder.Ring", lambda shape, patient: Ring(shape, patient=True, rows=32))
     run = record(tmp_path / "run.mcap")  # which waits for the disk, so knows in time that it is full
-    assert goals(run.result) == goals(whole.result)
+    assert_same(run, whole)
     assert run.recorder.failure == "No space left on device" and run.recorder.code(0) == 1
     warned = [text for text in run.notes if "the recording is not whole, the robot goes on" in text]
     assert len(warned) == 1 and warned[0].endswith("No space left on device")
@@ -159,7 +151,7 @@ def test_a_disk_that_hangs_holds_up_no_tick(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr("retarget.recording.recorder.Ring", lambda shape, patient: Ring(shape, rows=64))
     run = record(tmp_path / "run.mcap")
     hangs.set()
-    assert goals(run.result) == goals(whole.result)
+    assert_same(run, whole)
     assert run.recorder.failure and run.recorder.code(0) == 1
     shows(run.notes[0])
     shows(run.notes[-1])
@@ -169,13 +161,13 @@ def test_a_disk_that_hangs_holds_up_no_tick(tmp_path: Path, monkeypatch: pytest.
 @pytest.mark.parametrize(("kind", "what"), [(FaultKind.READ_FAILS, "read"), (FaultKind.WRITE_FAILS, "write")])
 def test_what_the_bus_fails_with_is_in_it(kind: FaultKind, what: str, tmp_path: Path) -> None:
     run = record(tmp_path / "run.mcap", faults=(MockFault(kind, first=40, cycles=1000),))
-    assert run.result.reason is not None
-    shows(run.result.reason)
+    reason = run.result.reason or ""
+    shows(reason)
     cycles, texts = run.read().cycles, read_recording(run.path).texts
     done = cycles.read if what == "read" else cycles.written
     assert np.flatnonzero(done == Done.FAILED).tolist() == [len(cycles) - 1]
     last = {who: text for (cycle, who), text in texts.items() if cycle == len(cycles) - 1}
-    assert last[f"bus {what}"] in run.result.reason and run.result.reason in last["guard"]
+    assert last[f"bus {what}"] in reason and reason in last["guard"]
 
 
 def test_states_and_messages_are_in_it_when_they_are_new(whole: Recorded, tmp_path: Path) -> None:
