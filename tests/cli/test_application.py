@@ -14,13 +14,13 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from command_line import code_of
+from command_line import Typed, code_of
 from messages import refuses, shows
-from recordings import Recorded, record
+from recordings import record
 from retarget.cli import COMMANDS, HOMES
 from retarget.cli.application import command_of, confirmed, described, given, refuse_given, with_values
 from retarget.cli.emulate import TypedLines
-from retarget.cli.exit import DONE, REFUSED
+from retarget.cli.exit import DONE
 from retarget.errors import UsageError
 from retarget.recording.reading import read_recording
 from unknown_robots import small_bust
@@ -50,10 +50,8 @@ def test_a_question_without_answer_is_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    with pytest.raises(UsageError) as refused:
+    with refuses(UsageError, "servo home: the question has no answer"):
         confirmed("Go on?", where="servo home")
-    said = "servo home: the question has no answer: the input has ended. Run it in a terminal."
-    assert str(refused.value) == said
     assert capsys.readouterr().out == "Go on? [Y/n] \n"
 
 
@@ -74,91 +72,59 @@ def test_the_usual_value_is_put_in(words: str, whole: str) -> None:
 
 
 MINE = b"mine"
-
-
-@pytest.fixture
-def short(shared: Path) -> list[str | Path]:
-    source = shared / "mocap" / "cmu_asfamc" / "02_06.amc"
-    return ["run", "--robot", "op3", "--source", source, "--end", "0.1"]
-
-
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    return record(tmp_path_factory.mktemp("overwrite") / "run.mcap", seconds=0.1)
-
-
+RUN = ("run", "--robot", "op3", "--source", "sample", "--end", "0.1")
 OUTPUTS = {
-    "report": (("--report", "r.json"), "r.json"),
-    "page": (("--report", "."), "report.html"),
-    "report of a page": (("--report", "."), "report.json"),
-    "save": (("--save", "r.npz"), "r.npz"),
-    "plots": (("--plots", "."), "angles.png"),
-    "animation": (("--animate", "r.gif"), "r.gif"),
-    "record": (("--record", "r.mcap"), "r.mcap"),
+    "r.json": ("--report", "r.json"),
+    "report.html": ("--report", "."),
+    "report.json": ("--report", "."),
+    "r.npz": ("--save", "r.npz"),
+    "angles.png": ("--plots", "."),
+    "r.gif": ("--animate", "r.gif"),
+    "r.mcap": ("--record", "r.mcap"),
 }
+"""Files, and the options by which a run writes them."""
 
 
-@pytest.mark.parametrize("case", OUTPUTS)
+@pytest.mark.parametrize("name", OUTPUTS)
 def test_a_run_is_refused_before_it_begins(
-    case: str,
-    short: list[str | Path],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Typed
 ) -> None:
-    words, name = OUTPUTS[case]
     monkeypatch.chdir(tmp_path)
-    (tmp_path / name).write_bytes(MINE)
-    assert code_of(*short, *words) == REFUSED
-    printed = capsys.readouterr()
-    shows(printed.err, words[0], name, "--overwrite")
-    assert printed.out == "" and (tmp_path / name).read_bytes() == MINE
-    assert [path.name for path in tmp_path.iterdir()] == [name]
+    Path(name).write_bytes(MINE)
+    shows(refused(*RUN, *OUTPUTS[name]), OUTPUTS[name][0], name, "--overwrite")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {name: MINE}
 
 
 @pytest.mark.long
-def test_all_of_them_are_replaced_where_that_is_asked_for(
-    short: list[str | Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_of_them_are_replaced_where_that_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for _, name in OUTPUTS.values():
-        (tmp_path / name).write_bytes(MINE)
-    words = [word for (option, place), name in OUTPUTS.values() if name != "r.json" for word in (option, place)]
-    assert code_of(*short, *words, "--overwrite") == DONE
-    kept = {name for _, name in OUTPUTS.values() if (tmp_path / name).read_bytes() == MINE}
-    assert kept == {"r.json"}
+    for name in OUTPUTS:
+        Path(name).write_bytes(MINE)
+    words = [word for name, option in OUTPUTS.items() if name != "r.json" for word in option]
+    assert code_of(*RUN, *words, "--overwrite") == DONE
+    assert [name for name in OUTPUTS if Path(name).read_bytes() == MINE] == ["r.json"]
     assert read_recording(tmp_path / "r.mcap").damage == ""
 
 
-@pytest.mark.long
-def test_a_replay(recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "again.npz"
-    out.write_bytes(MINE)
-    assert code_of("replay", recorded.path, "--save", out) == REFUSED
-    shows(capsys.readouterr().err)
-    assert out.read_bytes() == MINE
-    assert code_of("replay", recorded.path, "--save", out, "--overwrite") == DONE
-    assert out.read_bytes() != MINE
+@pytest.mark.parametrize("command", [pytest.param("replay", marks=pytest.mark.long), "fit-observers"])
+def test_what_another_command_writes(command: str, tmp_path: Path, done: Typed, refused: Typed) -> None:
+    if command == "replay":
+        read, words = record(tmp_path / "run.mcap", seconds=0.1).path, ("--save", tmp_path / "again.npz")
+    else:
+        read, words = tmp_path / "bust.urdf", ("--out", tmp_path / "observers.yaml")
+        read.write_text(small_bust())
+    words[1].write_bytes(MINE)
+    shows(refused(command, read, *words))
+    assert words[1].read_bytes() == MINE
+    done(command, read, *words, "--overwrite")
+    assert words[1].read_bytes() != MINE
 
 
-def test_a_recording_that_is_played_is_not_replaced_by_itself(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_that_is_played_is_not_replaced_by_itself(tmp_path: Path, refused: Typed) -> None:
     raw = tmp_path / "a.raw"
     raw.write_bytes(MINE)
-    words: list[str | Path] = ["run", "--robot", "op3", "--source", f"replay://{raw}", "--record-raw", raw]
-    assert code_of(*words, "--overwrite") == REFUSED
-    shows(capsys.readouterr().err)
+    shows(refused("run", "--robot", "op3", "--source", f"replay://{raw}", "--record-raw", raw, "--overwrite"))
     assert raw.read_bytes() == MINE
-
-
-def test_a_proposal_of_observers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out, body = tmp_path / "observers.yaml", tmp_path / "bust.urdf"
-    out.write_bytes(MINE)
-    body.write_text(small_bust())
-    words: list[str | Path] = ["fit-observers", body, "--out", out]
-    assert code_of(*words) == REFUSED and out.read_bytes() == MINE
-    assert code_of(*words, "--overwrite") == DONE and out.read_bytes() != MINE
 
 
 @pytest.fixture

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from bus_rig import four_servos
+from command_line import said_by
 from hardware.clock import VirtualClock
 from hardware.guard_state import GuardLimits
 from hardware.servo_health import ServoWarnings, WatchedRow, watched
-from live_rig import LiveRig
+from live_rig import LiveRig, raw_stream
 from messages import shows
 from recordings import mock_bus
-from retarget.cli import main
 from retarget.cli.controls import ControlRequest
 from retarget.cli.exit import DONE, STOPPED, StopRequest
 from retarget.cli.operator import MOST_LINES, RunLines, RunOperator
@@ -27,9 +27,8 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import performance_of
 from retarget.run.supervisor import OperatorInput
 from retarget.sources.open import open_source
-from retarget.sources.streams.raw_record import RawWriter
 from retarget.types import News, RunState
-from sim.faults.sender import FakeSender
+from sim.faults.sender import FakeSender, silent
 
 EACH_S, GAP_S = 2.0, 0.6
 """A drop-out of so long in each so many seconds."""
@@ -38,17 +37,8 @@ HOLDS = "the performer is not followed"
 
 def dropping_out(path: Path, count: int, *, each_s: float = EACH_S, gap_s: float = GAP_S) -> str:
     """Address of a stream that drops out so often, after 4 s in which the performer is measured and approached."""
-    writer, sender = RawWriter(path, url="json://:14150"), FakeSender()
-    for tick in range(round(100 * (5.0 + count * each_s))):
-        now = 0.01 * tick
-        lost = now > 4.0 and (now - 4.0) % each_s > each_s - gap_s
-        for datagram in sender.poll(now):
-            if not lost:
-                address, port = datagram.source
-                writer.append(datagram.payload, time_ns=round(1e9 * datagram.arrival), address=address, port=port)
-        writer.flush()
-    writer.close()
-    return f"replay://{path}"
+    ends = [4.0 + number * each_s for number in range(1, count + 1)]
+    return raw_stream(path, 5.0 + count * each_s, *(silent(end - gap_s, end) for end in ends))
 
 
 @pytest.fixture
@@ -60,11 +50,8 @@ def printed(
     monkeypatch.setattr("retarget.cli.run.has_terminal", lambda: True)
 
     def of(*words: object) -> list[str]:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as left:
-            main([str(word) for word in words])
-        out, err = capsys.readouterr()
-        assert left.value.code in (DONE, STOPPED), err
+        code, out, err = said_by(capsys, *words)
+        assert code in (DONE, STOPPED), err
         return [*err.splitlines(), *out.splitlines()]
 
     return of
@@ -92,11 +79,9 @@ def test_every_kind_of_run(run: str, printed: Callable[..., list[str]]) -> None:
 
 def test_a_replay(printed: Callable[..., list[str]]) -> None:
     pytest.importorskip("mcap", reason="the extra 'record' is not installed (make test installs it)")
-    assert (
-        len(printed("run", "--robot", "op3", "--source", "sample", "--end", "0.5", "--record", "r.mcap")) <= MOST_LINES
-    )
-    assert len(printed("replay", "r.mcap")) <= MOST_LINES
-    assert len(printed("replay", "r.mcap", "--goals", "--bus", "mock")) <= MOST_LINES
+    recorded = ("run", "--robot", "op3", "--source", "sample", "--end", "0.5", "--record", "r.mcap")
+    for words in (recorded, ("replay", "r.mcap"), ("replay", "r.mcap", "--goals", "--bus", "mock")):
+        assert len(printed(*words)) <= MOST_LINES
 
 
 @pytest.mark.parametrize("count", [12, pytest.param(100, marks=pytest.mark.long)])

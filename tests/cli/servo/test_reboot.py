@@ -14,19 +14,13 @@ from retarget.cli.servo import reboot as reboot_file
 from servo_lab import ServoLab
 from sim.emulator.faults import Fault, FaultKind
 
-
-@pytest.fixture
-def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> ServoLab:
-    return ServoLab(monkeypatch, capsys)
-
-
-HOT = Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0, end=0.01)
+REBOOT = ("reboot", "--robot", "op3", "--port", "emulator")
 
 
 @pytest.mark.parametrize("servo", [("--id", "7"), ("--joint", "r_hip_yaw")])
 def test_a_latched_error_is_explained_and_cleared(servo: tuple[str, str], lab: ServoLab) -> None:
-    lab.faults = [HOT]
-    code, out, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", *servo, typed="y\n")
+    lab.faults = [Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0, end=0.01)]
+    code, out, err = lab.run(*REBOOT, *servo, typed="y\n")
     assert (code, err) == (0, "")
     shows(out, "OVERHEATING", 1)
     assert lab.memory(7).value("hardware_error_status") == 0
@@ -34,25 +28,28 @@ def test_a_latched_error_is_explained_and_cleared(servo: tuple[str, str], lab: S
 
 def test_torque_is_not_dropped_unasked(lab: ServoLab) -> None:
     lab.before = {(13, "torque_enable"): 1}
-    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", typed="y\n")
+    code, _, err = lab.run(*REBOOT, "--id", "13", typed="y\n")
     assert code == 2
     shows(err, "r_knee", 13)
     assert Instruction.REBOOT not in lab.instructions()
-    code, out, _ = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", "--yes")
+    code, out, _ = lab.run(*REBOOT, "--id", "13", "--yes")
     assert code == 0 and lab.memory(13).value("torque_enable") == 0
     shows(out)
 
 
-def test_a_servo_that_switches_its_torque_on_at_start_is_reported(lab: ServoLab) -> None:
-    lab.before = {(13, "startup_configuration"): 1}
-    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", "--yes")
-    assert code == 2
-    shows(err, "r_knee", 13)
-
-
-def test_a_servo_that_does_not_come_back_is_reported(lab: ServoLab) -> None:
-    lab.upon = {Instruction.REBOOT: Fault(FaultKind.MISSING, ids=(13,))}
-    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", "--yes")
+@pytest.mark.parametrize(
+    ("before", "upon"),
+    [
+        ({(13, "startup_configuration"): 1}, {}),
+        ({}, {Instruction.REBOOT: Fault(FaultKind.MISSING, ids=(13,))}),
+    ],
+    ids=["torque on at start", "does not come back"],
+)
+def test_a_servo_that_is_not_as_it_should_be_afterwards_is_reported(
+    before: dict[tuple[int, str], int], upon: dict[int, Fault], lab: ServoLab
+) -> None:
+    lab.before, lab.upon = before, {**upon}
+    code, _, err = lab.run(*REBOOT, "--id", "13", "--yes")
     assert code == 2
     shows(err, "r_knee", 13)
 
@@ -69,16 +66,16 @@ def test_a_servo_that_does_not_come_back_is_reported(lab: ServoLab) -> None:
     ],
 )
 def test_bad_options(words: tuple[str, ...], text: str, lab: ServoLab) -> None:
-    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", *words)
+    code, _, err = lab.run(*REBOOT, *words)
     assert code == 2 and text in err and Instruction.REBOOT not in lab.instructions()
 
 
 def test_no_and_dry_run_restart_nothing(lab: ServoLab) -> None:
-    code, out, _ = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--all", typed="n\n")
+    code, out, _ = lab.run(*REBOOT, "--all", typed="n\n")
     assert code == 0 and Instruction.REBOOT not in lab.instructions()
     shows(out)
     lab.sent.clear()
-    code, out, _ = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--all", "--dry-run")
+    code, out, _ = lab.run(*REBOOT, "--all", "--dry-run")
     assert code == 0 and lab.sent == []
     shows(out)
 
@@ -108,7 +105,7 @@ def test_ctrl_c_ends_before_the_next_servo_and_lists_those_restarted(
 
     monkeypatch.setattr(OneOff, "reboot", counted)
     monkeypatch.setattr(reboot_file, "agreed", asked)
-    left, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "1,2,3")
+    left, _, err = lab.run(*REBOOT, "--id", "1,2,3")
     assert left == code and text in err
     shows(err)
     assert done == [1, 2, 3][:at] and "(id 3)" in err.partition("; not: ")[2]

@@ -2,6 +2,8 @@
 
 import signal
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
+from typing import Any
 
 import pytest
 
@@ -26,11 +28,6 @@ XL430 = 1060
 
 
 @pytest.fixture
-def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> ServoLab:
-    return ServoLab(monkeypatch, capsys)
-
-
-@pytest.fixture
 def connected(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
     """The joints whose servos are on the line at each ENTER, in order; behind the last one, the one that is asked
     for."""
@@ -47,12 +44,20 @@ def _begins_with(monkeypatch: pytest.MonkeyPatch, change: Callable[[], None]) ->
     """The servos of the lab are changed before a command begins."""
     make = places.emulated_lines
 
-    def lines(*arguments: object, **options: object) -> dict[str, Line]:
-        made = make(*arguments, **options)  # type: ignore[arg-type]
+    def lines(*arguments: Any, **options: Any) -> dict[str, Line]:
+        made = make(*arguments, **options)
         change()
         return made
 
     monkeypatch.setattr(places, "emulated_lines", lines)
+
+
+def _put(lab: ServoLab, column: int, **registers: int) -> None:
+    """Change registers of a servo, by its place in the robot."""
+    device = lab.line.devices[column]
+    for name, value in registers.items():
+        device.memory.put(name, value)
+    device.tune()
 
 
 def _line(out: str, word: str) -> str:
@@ -96,10 +101,8 @@ def test_none_several_or_another_model_is_refused_and_tried_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def changed() -> None:
-        lab.line.devices[JOINTS.index("head_pan")].memory.put("model_number", XL430)
-        other = lab.line.devices[JOINTS.index("l_el")]
-        other.memory.put("id", 7)
-        other.tune()
+        _put(lab, JOINTS.index("head_pan"), model_number=XL430)
+        _put(lab, JOINTS.index("l_el"), id=7)
 
     _begins_with(monkeypatch, changed)
     connected.append(joints)
@@ -115,11 +118,8 @@ def test_it_goes_on_where_it_ended_and_leaves_out_what_is_set_up(
     lab: ServoLab, connected: list[Sequence[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def tuned() -> None:
-        for device, number in zip(lab.line.devices, (1, 2), strict=False):
-            device.memory.put("id", number)
-            device.memory.put("baud_rate", 4)
-            device.memory.put("return_delay_time", 0)
-            device.tune()
+        for column in (0, 1):
+            _put(lab, column, id=column + 1, baud_rate=4, return_delay_time=0)
 
     _begins_with(monkeypatch, tuned)
     connected.append(("r_sho_pitch", "l_sho_pitch", "r_sho_roll"))
@@ -130,22 +130,15 @@ def test_it_goes_on_where_it_ended_and_leaves_out_what_is_set_up(
     assert [device.id for device in lab.line.devices[:4]] == [1, 2, 3, 1]
 
 
-@pytest.mark.parametrize(("answer", "device"), [("\n", 1), ("y\n", 2)])
+@pytest.mark.parametrize(("answer", "yes", "device"), [("\n", (), 1), ("y\n", (), 2), ("", ("--yes",), 1)])
 def test_a_servo_of_another_joint_is_changed_only_when_that_is_agreed_to(
-    answer: str, device: int, lab: ServoLab, connected: list[Sequence[str]]
+    answer: str, yes: Sequence[str], device: int, lab: ServoLab, connected: list[Sequence[str]]
 ) -> None:
     connected += [("r_sho_pitch",), ("r_sho_pitch",)]
-    _, out, _ = lab.run("setup", *ROBOT, typed="\n\n" + answer)
-    shows(_line(out, "[y/N]"), "r_sho_pitch", "id 1", "l_sho_pitch")
+    _, out, _ = lab.run("setup", *ROBOT, *yes, typed="\n\n" + answer)
+    shows(out.splitlines()[-3] if yes else _line(out, "[y/N]"), "r_sho_pitch")
     assert lab.line.devices[0].id == device
     assert ("left: l_sho_pitch" if device == 1 else "left: r_sho_pitch, r_sho_roll") in out
-
-
-def test_with_yes_a_servo_of_another_joint_is_never_changed(lab: ServoLab, connected: list[Sequence[str]]) -> None:
-    connected += [("r_sho_pitch",), ("r_sho_pitch",)]
-    _, out, _ = lab.run("setup", *ROBOT, "--yes", typed="\n\n")
-    shows(out.splitlines()[-3], "found r_sho_pitch")
-    assert lab.line.devices[0].id == 1
 
 
 @pytest.mark.parametrize(("word", "text"), [("2\n", "id: 2 -> 4"), ("\n", "0 of 30")])
@@ -153,14 +146,8 @@ def test_of_two_servos_in_one_case_the_operator_says_which(
     word: str, text: str, lab: ServoLab, connected: list[Sequence[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case = ("left_hip_pitch", "left_hip_roll")
-
-    def changed() -> None:
-        other = next(one for one, servo in zip(lab.line.devices, servos, strict=False) if servo.joint == case[0])
-        other.memory.put("id", 2)
-        other.tune()
-
-    servos = load_uncalibrated("toddlerbot").joint_map.servos
-    _begins_with(monkeypatch, changed)
+    joints = [servo.joint for servo in load_uncalibrated("toddlerbot").joint_map.servos]
+    _begins_with(monkeypatch, lambda: _put(lab, joints.index(case[0]), id=2))
     connected.append(case)
     typed = f"{case[0]}\n\n{word}"
     _, out, _ = lab.run("setup", "--robot", "toddlerbot", "--all", "--port", "emulator", typed=typed)
@@ -193,15 +180,8 @@ def test_power_that_is_off_is_switched_on_when_that_is_agreed_to(
 
 
 def test_ctrl_c_says_what_is_set_up(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
-    answers = iter(["", "", signal.SIGINT])
-
-    def typed(question: str) -> str:
-        answer = next(answers)
-        if isinstance(answer, signal.Signals):
-            signal.raise_signal(answer)
-        return str(answer)
-
-    monkeypatch.setattr("builtins.input", typed)
+    answers = chain(["", ""], iter(lambda: signal.raise_signal(signal.SIGINT), ""))
+    monkeypatch.setattr("builtins.input", lambda question: next(answers))
     code, out, err = lab.run("setup", *ROBOT)
     assert (code, err) == (130, "interrupted\n")
     shows(out.splitlines()[-1], "2 of 20")
@@ -267,19 +247,16 @@ def test_an_adapter_that_comes_back_by_another_name_is_found_by_it(monkeypatch: 
     assert unplugged_port() == "/dev/serial/by-id/USB1"
 
 
-def _bus(port: str) -> BusSpec:
-    return BusSpec("main", port, 1_000_000, 2, (1,))
-
-
 def test_the_port_of_the_profile_is_taken_where_it_exists_and_is_agreed_to(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Desk(monkeypatch, ["USB0", "", "USB0"])
-    assert port_of_bus(_bus("/dev/null"), yes=False) == "/dev/null"
-    assert port_of_bus(_bus("/dev/none"), yes=False) == "/dev/serial/by-id/USB0"
+    there, gone = (BusSpec("main", port, 1_000_000, 2, (1,)) for port in ("/dev/null", "/dev/none"))
+    assert port_of_bus(there, yes=False) == "/dev/null"
+    assert port_of_bus(gone, yes=False) == "/dev/serial/by-id/USB0"
     shows(capsys.readouterr().out, "/dev/none", "does not exist", "the port is /dev/serial/by-id/USB0")
     with refuses(Exception):
-        port_of_bus(_bus("/dev/none"), yes=True)
+        port_of_bus(gone, yes=True)
 
 
 def test_commands_without_a_port_name_those_that_exist(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
