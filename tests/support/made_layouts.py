@@ -101,13 +101,8 @@ def made(rate: float) -> Made:
         for part, above in pairwise(("shoulder", "elbow", "wrist", "hand")):
             length = float(np.linalg.norm(human.dimensions.of(f"{side}_{above}")))
             rest[f"{side}_{above}"] = rest[f"{side}_{part}"] + np.array([0.0, sign * length, 0.0])
-    return Made(
-        rate,
-        time,
-        {name: points[:, at] for at, name in enumerate(POINTS)},
-        {name: turns[:, at] for at, name in enumerate(POINTS)},
-        rest,
-    )
+    joints, of_joints = ({name: values[:, at] for at, name in enumerate(POINTS)} for values in (points, turns))
+    return Made(rate, time, joints, of_joints, rest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +144,7 @@ class Rig:
 SIDES = (("Left", "left", "l"), ("Right", "right", "r"))
 LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 HEAD_JOINT = 0.63
+BODY = ("Hips", "Spine", "Chest", "Neck", "Head")
 
 
 @cache
@@ -192,43 +188,38 @@ def soma_rig(names: tuple[str, ...] = tuple(TABLES["layouts"]["soma"])) -> Rig:
 @cache
 def named_rig(style: str) -> Rig:
     """Joints by the names of a family: VRM's bones, Bandai Namco's `UpperLeg_L`, or MVN's segments."""
-    rows: list[tuple[str, str, tuple[str, str, float]]] = []
-    trunk = {
-        "vrm": ("hips", "spine", "chest", "neck", "head"),
-        "bandai": ("Hips", "Spine", "Chest", "Neck", "Head"),
-        "mvn": ("Pelvis", "L3", "T8", "Neck", "Head"),
-    }[style]
-    hips, spine, chest, neck, head = trunk
-    rows = [(hips, "", ("pelvis", "pelvis", 0.0)), (spine, hips, ("spine", "spine", 0.0))]
-    if style == "mvn":
-        rows[1:] = [("L5", hips, ("pelvis", "pelvis", 0.0)), (spine, "L5", ("spine", "spine", 0.0))]
-        rows += [("T12", spine, ("spine", "chest", 0.5))]
+    mvn = style == "mvn"
+    hips, spine, chest, neck, head = ("Pelvis", "L3", "T8", "Neck", "Head") if mvn else BODY
+    if style == "vrm":
+        hips, spine, chest, neck, head = (name.lower() for name in BODY)
+    rows: list[tuple[str, str, tuple[str, str, float]]] = [(hips, "", ("pelvis", "pelvis", 0.0))]
+    rows += [("L5", hips, ("pelvis", "pelvis", 0.0))] * mvn + [(spine, "L5" if mvn else hips, ("spine", "spine", 0.0))]
+    rows += [("T12", spine, ("spine", "chest", 0.5))] * mvn
     rows += [(chest, rows[-1][0], ("chest", "chest", 0.0)), (neck, chest, ("neck", "neck", 0.0))]
     rows += [(head, neck, ("neck", "head", HEAD_JOINT))]
-    form = {"vrm": "{word}{part}", "bandai": "{part}_{letter}", "mvn": "{Word}{part}"}[style]
-    parts = (
-        ("Shoulder", "collar", chest),
-        ("UpperArm", "shoulder", "Shoulder"),
-        ("ForeArm" if style == "mvn" else "LowerArm", "elbow", "UpperArm"),
-        ("Hand", "wrist", "ForeArm" if style == "mvn" else "LowerArm"),
-        ("UpperLeg", "hip", hips),
-        ("LowerLeg", "knee", "UpperLeg"),
-        ("Foot", "ankle", "LowerLeg"),
-        ("Toe" if style == "mvn" else "Toes", "toe", "Foot"),
+    arm = (
+        ("Shoulder", "collar"),
+        ("UpperArm", "shoulder"),
+        ("ForeArm" if mvn else "LowerArm", "elbow"),
+        ("Hand", "wrist"),
     )
+    leg = (("UpperLeg", "hip"), ("LowerLeg", "knee"), ("Foot", "ankle"), ("Toe" if mvn else "Toes", "toe"))
     for word, lower, s in SIDES:
-        words = {"word": lower, "Word": word, "letter": word[0]}
-        for part, joint, above in parts:
-            carried = PARTS.get(f"{s}_{joint}", f"{s}_{joint}")
-            parent = above if above in trunk else form.format(part=above, **words)
-            rows.append((form.format(part=part, **words), parent, (carried, f"{s}_{joint}", 1.0)))
+        for parent, limb in ((chest, arm), (hips, leg)):
+            for part, joint in limb:
+                name = {"vrm": lower + part, "bandai": f"{part}_{word[0]}", "mvn": word + part}[style]
+                carried = PARTS.get(f"{s}_{joint}", f"{s}_{joint}")
+                rows.append((name, parent, (carried, f"{s}_{joint}", 1.0)))
+                parent = name
     names = tuple(name for name, _, _ in rows)
-    return Rig(
-        names, tuple(names.index(above) if above else -1 for _, above, _ in rows), tuple(at for _, _, at in rows)
-    )
+    above = tuple(names.index(parent) if parent else -1 for _, parent, _ in rows)
+    return Rig(names, above, tuple(at for _, _, at in rows))
 
 
 # Writers. Each writes the motion into a folder and returns the file.
+
+
+TURNS = "Zrotation Yrotation Xrotation"
 
 
 def bvh_text(rig: Rig, motion: Made, *, six: bool = False, root: bool = False) -> str:
@@ -243,11 +234,9 @@ def bvh_text(rig: Rig, motion: Made, *, six: bool = False, root: bool = False) -
         lines.extend([f"{tab}{'JOINT' if depth else 'ROOT'} {rig.names[at]}", tab + "{"])
         lines.append(f"{tab}  OFFSET {' '.join(f'{x:.6f}' for x in offset)}")
         with_place = six or parent < 0
-        words = "Zrotation Yrotation Xrotation"
-        lines.append(f"{tab}  CHANNELS {'6 Xposition Yposition Zposition ' if with_place else '3 '}{words}")
+        lines.append(f"{tab}  CHANNELS {'6 Xposition Yposition Zposition ' if with_place else '3 '}{TURNS}")
         if with_place:
-            own = position[:, at] if parent < 0 else np.tile(offset, (len(position), 1))
-            columns.append(own)
+            columns.append(position[:, at] if parent < 0 else np.tile(offset, (len(position), 1)))
         columns.append(np.degrees(np.unwrap(rotations.to_euler(local[:, at], "zyx"), axis=0)))
         children = [child for child, above in enumerate(rig.parents) if above == at]
         for child in children:
@@ -257,12 +246,7 @@ def bvh_text(rig: Rig, motion: Made, *, six: bool = False, root: bool = False) -
         lines.append(tab + "}")
 
     if root:
-        lines += [
-            "ROOT Root",
-            "{",
-            "  OFFSET 0 0 0",
-            "  CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation",
-        ]
+        lines += ["ROOT Root", "{", "  OFFSET 0 0 0", f"  CHANNELS 6 Xposition Yposition Zposition {TURNS}"]
         columns.append(np.zeros((len(position), 6)))
     block(0, int(root))
     lines += ["}"] * root
@@ -277,9 +261,8 @@ def smpl_arrays(motion: Made) -> tuple[FloatArray, FloatArray]:
     position, orientation, _ = rig.poses(motion, Z_UP)
     rest = rotations.from_matrix(Y_UP)  # from x left, y up, z forward to the world
     orientation = rotations.multiply(orientation, rest)  # R C, with R the turn of a body that is z up
-    return rotations.log(rig.local(orientation)).reshape(len(position), -1), position[:, 0] - np.array(
-        [0.0, -0.22, 0.03]
-    )
+    vectors = rotations.log(rig.local(orientation)).reshape(len(position), -1)
+    return vectors, position[:, 0] - np.array([0.0, -0.22, 0.03])
 
 
 MARKER_PAIRS = {"knee": ("KNE", "KNI"), "ankle": ("ANK", "ANI"), "elbow": ("ELB", "ELBIN"), "wrist": ("IWR", "OWR")}
@@ -326,18 +309,11 @@ def write_amass(folder: Path, motion: Made, *, markers: bool = False, **changes:
 
 def write_stageii(folder: Path, motion: Made) -> Path:
     poses, trans = smpl_arrays(motion)
+    arrays = {"root_orient": poses[:, :3], "pose_body": poses[:, 3:], "pose_hand": np.zeros((len(poses), 90))}
+    arrays |= {"trans": trans, "betas": np.zeros(16), "gender": np.array("neutral")}
+    arrays |= {"surface_model_type": np.array("smplx"), "mocap_frame_rate": np.array(motion.rate)}
     path = folder / "walk_stageii.npz"
-    np.savez(
-        path,
-        root_orient=poses[:, :3],
-        pose_body=poses[:, 3:],
-        pose_hand=np.zeros((len(poses), 90)),
-        trans=trans,
-        betas=np.zeros(16),
-        gender=np.array("neutral"),
-        surface_model_type=np.array("smplx"),
-        mocap_frame_rate=np.array(motion.rate),
-    )
+    np.savez(path, **arrays)  # type: ignore[arg-type]
     return path
 
 
@@ -377,10 +353,8 @@ def write_mvnx(folder: Path, motion: Made) -> Path:
     lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<mvnx xmlns="http://www.xsens.com/mvn/mvnx" version="4">']
     lines += [f'<subject label="A" frameRate="{motion.rate:g}" segmentCount="23"><segments>']
     for number, name in enumerate(names, start=1):
-        point = (
-            f'<points><point label="pTopOfHead"><pos_b>{flat(top)}</pos_b></point></points>' if name == "Head" else ""
-        )
-        lines.append(f'<segment label="{name}" id="{number}">{point}</segment>')
+        point = f'<points><point label="pTopOfHead"><pos_b>{flat(top)}</pos_b></point></points>'
+        lines.append(f'<segment label="{name}" id="{number}">{point * (name == "Head")}</segment>')
     lines += ["</segments>", '<frames segmentCount="23">']
     lines += [frame(kind, 0, np.tile(rotations.IDENTITY, (23, 1)), rest[order]) for kind in ("identity", "tpose")]
     lines += [frame("normal", at, orientation[at, order], position[at, order]) for at in range(len(position))]
@@ -448,11 +422,8 @@ def gltf_parts(
         nodes.append({"name": name, "translation": offset.tolist()})
         if children := [child for child, above in enumerate(rig.parents) if above == at]:
             nodes[-1]["children"] = children
-        turn = local[:, at]
-        turn = (
-            turn
-            * np.where(np.cumprod(np.append(1.0, np.sign((turn[1:] * turn[:-1]).sum(axis=1)))) < 0, -1.0, 1.0)[:, None]
-        )
+        signs = np.sign((local[1:, at] * local[:-1, at]).sum(axis=1))
+        turn = local[:, at] * np.where(np.cumprod(np.append(1.0, signs)) < 0, -1.0, 1.0)[:, None]
         code = 5122 if shorts else 5126
         outputs = {"rotation": accessor(_keys(turn[:, [1, 2, 3, 0]], rows, motion, interpolation), "VEC4", code)}
         if parent < 0:
@@ -486,10 +457,9 @@ def write_glb(folder: Path, motion: Made, **how: Any) -> Path:
 
 def write_gltf(folder: Path, motion: Made, *, beside: bool = False) -> Path:
     document, data = gltf_parts(named_rig("bandai"), motion)
-    document["buffers"][0]["uri"] = (
-        "take.bin" if beside else "data:application/octet-stream;base64," + base64.b64encode(data).decode()
-    )
+    document["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
     if beside:
+        document["buffers"][0]["uri"] = "take.bin"
         (folder / "take.bin").write_bytes(data)
     path = folder / "take.gltf"
     path.write_text(json.dumps(document))
