@@ -92,9 +92,10 @@ def test_a_goal_is_written_once_and_in_order() -> None:
     assert before is not None
     rig.guard.write(new)
     written = len(rig.bus.goals)
-    for goal in (new, old, rig.gate.brake(before), replace(rig.brake())):
+    made = (lambda: new, lambda: old, lambda: rig.gate.brake(before), lambda: replace(rig.brake()))
+    for next_goal in made:  # one after the other: the seal is of the last that the gate made
         with pytest.raises(GuardError):
-            rig.guard.write(goal)
+            rig.guard.write(next_goal())
     assert len(rig.bus.goals) == written and rig.guard.goal is new
 
 
