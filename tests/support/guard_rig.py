@@ -78,7 +78,7 @@ class Rig:
 
     def cause(self) -> StopCause | None:
         """Of the latched stop."""
-        return self.guard.stop and self.guard.stop.cause
+        return None if self.guard.stop is None else self.guard.stop.cause
 
     def reason(self) -> str:
         """Of the latched stop; there must be one."""
