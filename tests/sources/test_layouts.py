@@ -6,7 +6,8 @@ import re
 import struct
 import tracemalloc
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -68,6 +69,17 @@ def changed(path: Path, **changes: Any) -> Path:
     return path
 
 
+@contextmanager
+def within(mib: int) -> Iterator[None]:
+    """Python takes no more memory than this."""
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < mib * 2**20
+    finally:
+        tracemalloc.stop()
+
+
 def off(frames: SensorFrames, motion: Made) -> dict[str, float]:
     """Greatest distance, m, of each joint (of a sensor, where there are none) from the truth."""
     if frames.joints is not None:
@@ -108,8 +120,7 @@ FOLLOWED = [name for name in LAYOUTS if not name.startswith(("GLB,", "glTF"))]
     "name", [pytest.param(name, marks=[] if name == "GLB" else pytest.mark.long) for name in FOLLOWED]
 )
 def test_op3_follows_every_layout_to_the_end(tmp_path: Path, name: str) -> None:
-    motion = made(30.0)
-    path = LAYOUTS[name](tmp_path, motion)
+    path = LAYOUTS[name](tmp_path, made(30.0))
     rate = ["--rate", "30"] if name in NO_RATE else []
     assert code_of("run", "--robot", "op3", "--source", path, *rate) == 0
 
@@ -456,14 +467,9 @@ def test_many_channels_of_few_bytes_take_little_memory(tmp_path: Path, shared: s
     document["animations"] = [{"channels": channels, "samplers": samplers}]
     document["buffers"] = [{"byteLength": len(data)}]
     path = written(tmp_path / "a.glb", glb_bytes(document, data))
-    assert path.stat().st_size < 600_000
-    tracemalloc.start()
-    try:
-        with refuses(InputError, where=str(path)):  # 20,000 frames of more than 900 joints
-            open_source(path)
-        assert tracemalloc.get_traced_memory()[1] < (300 if shared == "the same bytes" else 20) * 2**20
-    finally:
-        tracemalloc.stop()
+    assert path.stat().st_size < 600_000  # and yet more than 900 joints
+    with within(300 if shared == "the same bytes" else 20), refuses(InputError, where=str(path)):  # 20,000 frames
+        open_source(path)
 
 
 def test_a_spline_through_no_rotation_is_refused(tmp_path: Path) -> None:
@@ -566,13 +572,8 @@ def test_a_trc_of_many_markers_and_short_lines_takes_no_memory(tmp_path: Path) -
     head = "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tUnits\n30\tmm\nFrame#\tTime\t"
     path = tmp_path / "a.trc"
     path.write_text(head + "\t\t\t".join(f"m{at}" for at in range(1000)) + "\n\n" + 20_000 * "1\t1\n")
-    tracemalloc.start()
-    try:
-        with refuses(InputError, where=str(path), found=(20_000, 1000), allowed=5_000_000):
-            open_source(path)
-        assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
-    finally:
-        tracemalloc.stop()
+    with within(20), refuses(InputError, where=str(path), found=(20_000, 1000), allowed=5_000_000):
+        open_source(path)
 
 
 def test_markers_of_a_trc_without_known_names_are_refused_as_those_of_a_c3d(tmp_path: Path) -> None:

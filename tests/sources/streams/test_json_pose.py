@@ -21,7 +21,6 @@ from retarget.sources.streams.stream_frame import (
     StreamFrame,
     unusable,
 )
-from retarget.types import FloatArray
 
 Message = dict[str, Any]
 
@@ -217,13 +216,9 @@ def test_each_pose_by_itself(place: list[float], turn: list[float], bad: bool) -
     assert among.tolist() == [False, bad, False]
 
 
-def random_poses(seed: int) -> tuple[FloatArray, FloatArray]:
-    generator = np.random.default_rng(seed)
-    return generator.normal(size=(50, 3)), rotations.normalise(generator.normal(size=(50, 4)))
-
-
 def test_the_formulas_of_the_vendors() -> None:
-    points, turns = random_poses(5)
+    generator = np.random.default_rng(5)
+    points, turns = generator.normal(size=(50, 3)), rotations.normalise(generator.normal(size=(50, 4)))
     (px, py, pz), (w, x, y, z) = points.T, turns.T
     np.testing.assert_allclose(CONVENTIONS["unity"].positions(points), np.stack([pz, -px, py], axis=1))
     np.testing.assert_allclose(CONVENTIONS["unity"].orientations(turns), np.stack([w, -z, x, -y], axis=1))
