@@ -1,9 +1,7 @@
-"""The bodies of shipped robots against published numbers: joints, lengths, where the weight is in known poses.
-
-And the postures of their profiles against statics, and the numbers of their servos.
-"""
+"""The bodies of shipped robots against published numbers: joints, lengths, where the weight is in known poses."""
 
 import math
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -16,19 +14,7 @@ Triple = tuple[float, float, float]
 Anchors = dict[str, tuple[Triple, Triple]]
 
 
-@pytest.fixture(scope="module")
-def op3() -> PosedBody:
-    return PosedBody(load_profile("op3"))
-
-
-@pytest.fixture(scope="module")
-def wolfgang() -> PosedBody:
-    return PosedBody(load_profile("wolfgang"))
-
-
-@pytest.fixture(scope="module")
-def poppy() -> PosedBody:
-    return PosedBody(load_profile("poppy"))
+posed = cache(lambda name: PosedBody(load_profile(name)))
 
 
 def assert_anchors(body: PosedBody, expected: Anchors, *, atol: float, axis_atol: float) -> None:
@@ -36,6 +22,11 @@ def assert_anchors(body: PosedBody, expected: Anchors, *, atol: float, axis_atol
         anchor, axis = body.anchor(joint)
         np.testing.assert_allclose(anchor, place, atol=atol, err_msg=joint)
         np.testing.assert_allclose(axis, direction, atol=axis_atol, err_msg=joint)
+
+
+def with_right(left: Anchors) -> Anchors:
+    """The joints of a left side, and their mirror images."""
+    return left | {"r" + name[1:]: ((x, -y, z), (a, -b, c)) for name, ((x, y, z), (a, b, c)) in left.items()}
 
 
 # OP3.
@@ -52,15 +43,9 @@ OP3_LEFT: Anchors = {
     "l_ank_pitch": ((0.0001, 0.054, -0.24865), (0, -1, 0)),
     "l_ank_roll": ((-0.024, 0.035, -0.24865), (1, 0, 0)),
 }
-PITCH = ("sho_pitch", "hip_pitch", "knee", "ank_pitch")
-OP3_RIGHT: Anchors = {
-    "r" + name[1:]: ((x, -y, z), (-a, -b, -c) if name[2:] in PITCH else (a, b, c))
-    for name, ((x, y, z), (a, b, c)) in OP3_LEFT.items()
-}
 OP3_HEAD: Anchors = {"head_pan": ((-0.001, 0, 0.1365), (0, 0, 1)), "head_tilt": ((0.009, 0.019, 0.165), (0, -1, 0))}
 
 # Stand frame (middle of the soles, made level): centre of mass, m. Poses of ROBOTIS' software, rad.
-OP3_ZERO: dict[str, float] = {}
 OP3_STANDUP = {
     "r_sho_pitch": 0.087437, "l_sho_pitch": -0.088971, "r_sho_roll": -0.794602, "l_sho_roll": 0.793068,
     "r_el": 0.788466, "l_el": -0.79, "l_hip_yaw": -0.001534, "r_hip_roll": 0.044485, "l_hip_roll": -0.046019,
@@ -80,21 +65,16 @@ OP3_CROUCH = {
     "r_el": 0.785398, "l_el": -0.785398, "r_hip_pitch": 1.22173, "l_hip_pitch": -1.22173, "r_knee": -2.478368,
     "l_knee": 2.478368, "r_ank_pitch": -1.22173, "l_ank_pitch": 1.22173, "head_tilt": -0.174533,
 }  # fmt: skip
-OP3_POSES = [
-    (OP3_ZERO, (-0.010568, 0.000072, 0.274312)),
+OP3_POSES: list[tuple[dict[str, float], Triple]] = [
+    ({}, (-0.010568, 0.000072, 0.274312)),
     (OP3_STANDUP, (0.003469, 0.000027, 0.265685)),
     (OP3_WALK_READY, (0.007188, -0.000391, 0.250229)),
     (OP3_CROUCH, (-0.004291, 0.000072, 0.149202)),
 ]
 
 
-def test_op3_anchors_and_axes_at_the_zero_pose(op3: PosedBody) -> None:
-    assert_anchors(op3.pose({}), OP3_LEFT | OP3_RIGHT | OP3_HEAD, atol=1e-9, axis_atol=1e-9)
-
-
-@pytest.mark.parametrize(("joints", "com"), OP3_POSES)
-def test_op3_centre_of_mass_of_published_poses(op3: PosedBody, joints: dict[str, float], com: Triple) -> None:
-    np.testing.assert_allclose(op3.pose(joints).com_in_stand_frame(), com, atol=2e-6)
+def test_op3_anchors_and_axes_at_the_zero_pose() -> None:
+    assert_anchors(posed("op3").pose({}), with_right(OP3_LEFT) | OP3_HEAD, atol=1e-9, axis_atol=1e-9)
 
 
 # Wolfgang.
@@ -145,28 +125,30 @@ WOLFGANG_POSES: list[tuple[dict[str, float], Triple]] = [
 ]
 
 
-def test_wolfgang_anchors_and_axes_at_the_zero_pose(wolfgang: PosedBody) -> None:
+def test_wolfgang_anchors_and_axes_at_the_zero_pose() -> None:
     """The left side is that of the model but for its slip."""
-    assert_anchors(wolfgang.pose({}), WOLFGANG_RIGHT | WOLFGANG_HEAD, atol=6e-5, axis_atol=2e-4)
-    assert_anchors(wolfgang.pose({}), WOLFGANG_LEFT, atol=EXPORT_SLIP, axis_atol=2e-4)
+    assert_anchors(posed("wolfgang").pose({}), WOLFGANG_RIGHT | WOLFGANG_HEAD, atol=6e-5, axis_atol=2e-4)
+    assert_anchors(posed("wolfgang").pose({}), WOLFGANG_LEFT, atol=EXPORT_SLIP, axis_atol=2e-4)
 
 
-@pytest.mark.parametrize(("joints", "com"), WOLFGANG_POSES)
-def test_wolfgang_centre_of_mass_of_published_poses(wolfgang: PosedBody, joints: dict[str, float], com: Triple) -> None:
-    np.testing.assert_allclose(wolfgang.pose(joints).com_in_stand_frame(), com, atol=EXPORT_SLIP)
+@pytest.mark.parametrize(
+    ("name", "atol", "joints", "com"),
+    [("op3", 2e-6, *row) for row in OP3_POSES] + [("wolfgang", EXPORT_SLIP, *row) for row in WOLFGANG_POSES],
+)
+def test_the_centre_of_mass_of_published_poses(name: str, atol: float, joints: dict[str, float], com: Triple) -> None:
+    np.testing.assert_allclose(posed(name).pose(joints).com_in_stand_frame(), com, atol=atol)
 
 
-def test_it_stands_on_its_cleats(wolfgang: PosedBody) -> None:
+def test_wolfgang_stands_on_its_cleats() -> None:
     """Lowest points of the cleats are the corners of the support polygon."""
-    wolfgang.pose(wolfgang.profile.postures.stand)
-    names = [wolfgang.model.geom(index).name for index in range(wolfgang.model.ngeom)]
-    cleats = [name for name in names if "cleat" in name]
+    body = posed("wolfgang").pose(posed("wolfgang").profile.postures.stand)
+    cleats = [name for name in (body.model.geom(index).name for index in range(body.model.ngeom)) if "cleat" in name]
     assert len(cleats) == 8
-    lowest = np.array([wolfgang.data.geom(name).xpos - (0, 0, wolfgang.model.geom(name).size[0]) for name in cleats])
-    corners = wolfgang.sole_corners()
+    lowest = np.array([body.data.geom(name).xpos - (0, 0, body.model.geom(name).size[0]) for name in cleats])
+    corners = body.sole_corners()
     for corner in corners:
         assert np.linalg.norm(lowest - corner, axis=1).min() < 1e-5
-    plate = wolfgang.data.geom("l_foot_shell").xpos[2] - wolfgang.model.geom("l_foot_shell").size[2]
+    plate = body.data.geom("l_foot_shell").xpos[2] - body.model.geom("l_foot_shell").size[2]
     assert plate > corners[:, 2].max() + 0.008
 
 
@@ -175,16 +157,20 @@ def test_it_stands_on_its_cleats(wolfgang: PosedBody) -> None:
 # Joint anchors in the pelvis' frame, m, and axes of the model at its own zero, arms out to the sides: computed.
 # Where the servo turns the other way than the model's axis (direction -1), the software's angle does too.
 T_POSE: Anchors = {
-    "l_hip_x": ((0, 0.0225, 0), (-1, 0, 0)),
-    "l_hip_z": ((0.005, 0.0665, 0), (0, 0, -1)),
-    "l_hip_y": ((0.005, 0.0665, -0.024), (0, 1, 0)),
-    "l_knee_y": ((0.005, 0.0665, -0.206), (0, 1, 0)),
-    "l_ankle_y": ((0.005, 0.0665, -0.386), (0, 1, 0)),
-    "r_hip_x": ((0, -0.0225, 0), (-1, 0, 0)),
-    "r_hip_z": ((0.005, -0.0665, 0), (0, 0, -1)),
-    "r_hip_y": ((0.005, -0.0665, -0.024), (0, -1, 0)),
-    "r_knee_y": ((0.005, -0.0665, -0.206), (0, -1, 0)),
-    "r_ankle_y": ((0.005, -0.0665, -0.386), (0, -1, 0)),
+    **with_right(
+        {
+            "l_hip_x": ((0, 0.0225, 0), (-1, 0, 0)),
+            "l_hip_z": ((0.005, 0.0665, 0), (0, 0, -1)),
+            "l_hip_y": ((0.005, 0.0665, -0.024), (0, 1, 0)),
+            "l_knee_y": ((0.005, 0.0665, -0.206), (0, 1, 0)),
+            "l_ankle_y": ((0.005, 0.0665, -0.386), (0, 1, 0)),
+            "l_shoulder_y": ((0.0238, 0.0771, 0.2425), (0, 1, 0)),
+            "l_shoulder_x": ((0.0238, 0.1055, 0.2425), (0, 0, -1)),
+            "l_arm_z": ((0.0238, 0.1418, 0.224), (0, 1, 0)),
+            "l_elbow_y": ((0.0238, 0.2535, 0.234), (-1, 0, 0)),
+        }
+    ),
+    "r_arm_z": ((0.0238, -0.1417, 0.224), (0, -1, 0)),
     "abs_y": ((0.017, 0, 0.061), (0, -1, 0)),
     "abs_x": ((0.017, 0, 0.061), (1, 0, 0)),
     "abs_z": ((0.017, 0, 0.1126), (0, 0, 1)),
@@ -192,14 +178,6 @@ T_POSE: Anchors = {
     "bust_x": ((0.0198, 0, 0.1925), (1, 0, 0)),
     "head_z": ((0.0248, 0, 0.2765), (0, 0, 1)),
     "head_y": ((0.0248, 0, 0.2965), (0, -1, 0)),
-    "l_shoulder_y": ((0.0238, 0.0771, 0.2425), (0, 1, 0)),
-    "l_shoulder_x": ((0.0238, 0.1055, 0.2425), (0, 0, -1)),
-    "l_arm_z": ((0.0238, 0.1418, 0.224), (0, 1, 0)),
-    "l_elbow_y": ((0.0238, 0.2535, 0.234), (-1, 0, 0)),
-    "r_shoulder_y": ((0.0238, -0.0771, 0.2425), (0, -1, 0)),
-    "r_shoulder_x": ((0.0238, -0.1055, 0.2425), (0, 0, -1)),
-    "r_arm_z": ((0.0238, -0.1417, 0.224), (0, -1, 0)),
-    "r_elbow_y": ((0.0238, -0.2535, 0.234), (-1, 0, 0)),
 }
 OFFSETS = {"head_y": 20, "l_shoulder_y": 90, "l_shoulder_x": -90, "r_shoulder_y": 90, "r_shoulder_x": 90}  # [degrees]
 TRIM = {"l_hip_y": 2}  # [degrees] of the specimen whose poses are published
@@ -225,17 +203,13 @@ POPPY_POSES: list[tuple[dict[str, int], Triple]] = [
 ]
 
 
-def in_rad(degrees: dict[str, int]) -> dict[str, float]:
-    """Posture of this body for angles of the software on the specimen with the trim."""
-    return {joint: math.radians(degrees.get(joint, 0) + TRIM.get(joint, 0)) for joint in {*degrees, *TRIM}}
-
-
-def test_poppy_anchors_and_axes_at_the_zero_of_the_model(poppy: PosedBody) -> None:
-    servos = poppy.profile.servos
-    expected: Anchors = {}
-    for joint, (place, (x, y, z)) in T_POSE.items():
-        way = servos[joint].direction
-        expected[joint] = (place, (way * x, way * y, way * z))
+def test_poppy_anchors_and_axes_at_the_zero_of_the_model() -> None:
+    poppy = posed("poppy")
+    signs = {joint: servo.direction for joint, servo in poppy.profile.servos.items()}
+    expected: Anchors = {
+        joint: (place, (signs[joint] * x, signs[joint] * y, signs[joint] * z))
+        for joint, (place, (x, y, z)) in T_POSE.items()
+    }
     poppy.pose({name: math.radians(-offset) for name, offset in OFFSETS.items()})
     assert_anchors(poppy, expected, atol=1e-4, axis_atol=1e-4)
 
@@ -246,37 +220,34 @@ def test_poppy_centre_of_mass_of_published_poses(degrees: dict[str, int], com: T
     for link, mass in MODEL_MASSES.items():
         light.model.body(f"{link}_link").mass = mass
     mujoco.mj_setConst(light.model, light.data)
-    np.testing.assert_allclose(light.pose(in_rad(degrees)).com_in_stand_frame(), com, atol=7e-4)
+    angles = {joint: math.radians(degrees.get(joint, 0) + TRIM.get(joint, 0)) for joint in {*degrees, *TRIM}}
+    np.testing.assert_allclose(light.pose(angles).com_in_stand_frame(), com, atol=7e-4)
 
 
-@pytest.mark.parametrize(
-    ("joint", "frame", "moved"),
-    [
-        ("l_shoulder_y", "l_hand", "x-"), ("r_shoulder_y", "r_hand", "x-"),
-        ("l_shoulder_x", "l_hand", "y+"), ("r_shoulder_x", "r_hand", "y+"),
-        ("l_elbow_y", "l_hand", "x-"), ("r_elbow_y", "r_hand", "x-"),
-        ("l_hip_x", "l_sole", "y-"), ("r_hip_x", "r_sole", "y-"),
-        ("l_hip_z", "l_toe", "y+"), ("r_hip_z", "r_toe", "y+"),
-        ("l_hip_y", "l_sole", "x-"), ("r_hip_y", "r_sole", "x-"),
-        ("l_knee_y", "l_sole", "x-"), ("r_knee_y", "r_sole", "x-"),
-        ("l_ankle_y", "l_toe", "z-"), ("r_ankle_y", "r_toe", "z-"),
-        ("abs_y", "head", "x+"), ("abs_x", "head", "y+"), ("bust_y", "head", "x+"), ("bust_x", "head", "y+"),
-    ],
-)  # fmt: skip
-def test_where_15_degrees_of_the_software_move_what(poppy: PosedBody, joint: str, frame: str, moved: str) -> None:
-    before = poppy.pose({}).at(frame)
-    way = poppy.pose({joint: math.radians(15)}).at(frame) - before
-    assert way["xyz".index(moved[0])] * float(moved[1] + "1") > 0.005
+MOVED = {
+    "{}_shoulder_y": "{}_hand x-", "{}_shoulder_x": "{}_hand y+", "{}_elbow_y": "{}_hand x-",
+    "{}_hip_x": "{}_sole y-", "{}_hip_z": "{}_toe y+", "{}_hip_y": "{}_sole x-",
+    "{}_knee_y": "{}_sole x-", "{}_ankle_y": "{}_toe z-",
+    "abs_y": "head x+", "abs_x": "head y+", "bust_y": "head x+", "bust_x": "head y+",
+}  # fmt: skip
+"""What 15 degrees of the software move, on both sides, and where."""
 
 
-def test_zero_ticks_are_the_offsets_of_the_software(poppy: PosedBody) -> None:
+@pytest.mark.parametrize("joint", MOVED)
+def test_where_15_degrees_of_the_software_move_what(joint: str) -> None:
+    poppy = posed("poppy")
+    for side in ("l", "r") if "{}" in joint else ("",):
+        frame, axis = MOVED[joint].format(side).split()
+        before = poppy.pose({}).at(frame)
+        moved = poppy.pose({joint.format(side): math.radians(15)}).at(frame) - before
+        assert moved["xyz".index(axis[0])] * float(axis[1] + "1") > 0.005, side
+
+
+def test_poppy_stands_on_the_flat_of_its_soles_with_the_offsets_of_the_software() -> None:
+    poppy = posed("poppy")
     for joint, servo in poppy.profile.servos.items():
         count, turn, centre = (1024, 300.0, 512) if servo.model == "AX-12A" else (4096, 360.0, 2048)
-        raw = servo.direction * OFFSETS.get(joint, 0)
-        assert servo.zero_tick == round(centre + raw * count / turn), joint
-
-
-def test_it_stands_on_the_flat_of_its_soles(poppy: PosedBody) -> None:
+        assert servo.zero_tick == round(centre + servo.direction * OFFSETS.get(joint, 0) * count / turn), joint
     poppy.pose(poppy.profile.postures.stand)
     for side, foot in (("l", "left"), ("r", "right")):
         plate = poppy.model.geom(f"{side}_sole_plate")

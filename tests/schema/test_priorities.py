@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from followers import DT, dimensions, performer, postures
-from messages import refuses
+from messages import Facts, refuses
 from retarget import rotations
 from retarget.cli import main
 from retarget.cli.exit import REFUSED
@@ -30,7 +30,7 @@ from retarget.schema.priorities import (
 
 
 @pytest.mark.parametrize("forward", [True, False])
-def test_feet_that_are_asked_to_point_forward_do(forward: bool) -> None:
+def test_feet_that_are_to_point_forward_do(forward: bool) -> None:
     """The axis of a robot's frame points along a direction of its own world, x forward."""
     robot, held = load_robot("op3", root="suspended"), load_priorities("fixed_base")
     dropped = (PostureTask,) if forward else (PostureTask, AxisTask)
@@ -63,9 +63,8 @@ def test_feet_that_are_asked_to_point_forward_do(forward: bool) -> None:
         ("mock", None, None, "servo"),
     ],
 )
-def test_who_runs_them(bus: str, mount: str | None, named: str | None, chosen: str) -> None:
-    hook = "neck" if mount == "gantry" else None
-    physics = PhysicsOptions(mount=mount, hook=hook)
+def test_priorities_of_a_run_follow_its_mount(bus: str, mount: str | None, named: str | None, chosen: str) -> None:
+    physics = PhysicsOptions(mount=mount, hook="neck" if mount == "gantry" else None)
     options = RunOptions(robot="op3", bus=bus, priorities=named, physics=physics)
     assert priority_names(load_robot("op3", root=physics.root), options)[-1] == chosen
 
@@ -107,125 +106,77 @@ def load(text: str, folder: Path) -> Priorities:
 
 
 def test_short_forms_and_defaults(tmp_path: Path) -> None:
-    levels = load(EVERYTHING, tmp_path).levels
-    hand = levels[3].tasks[0]
+    balance, feet, _, hands, last = (level.tasks for level in load(EVERYTHING, tmp_path).levels)
+    hand, axis, preventive, com, posture = hands[0], feet[1], feet[2], balance[0], last[0]
     assert isinstance(hand, PositionTask)
     assert (hand.of, hand.weight, hand.gain, hand.max_error, hand.optional) == (
         *(("l_hand",), (3, 3, 3), 0.5, 0.02, True),
     )
-    axis = levels[1].tasks[1]
     assert isinstance(axis, AxisTask)
     assert (axis.gain, axis.max_error, axis.optional, axis.weight) == (1.0, None, False, 1.0)
-    preventive = levels[1].tasks[2]
-    assert isinstance(preventive, PreventiveTask)
-    assert preventive.of == ("l_forearm",)
-    com = levels[0].tasks[0]
-    assert isinstance(com, CentreOfMassTask)
-    assert com.weight == (1.0, 1.0, 0.0)
-    posture = levels[4].tasks[0]
+    assert isinstance(preventive, PreventiveTask) and preventive.of == ("l_forearm",)
+    assert isinstance(com, CentreOfMassTask) and com.weight == (1.0, 1.0, 0.0)
     assert isinstance(posture, PostureTask)
     assert (posture.towards, posture.stiffness, posture.settle) == ("attractor", {"default": 1.0, "spine": 20.0}, 0.1)
 
 
+POSTURE = "      - {type: posture, stiffness"
+FLAT = "type: axis, of: l_ankle, axis: [0, 0, 1], direction: [0, 0, 1]"
+LOWERED = "type: axis, of: pelvis, axis: [0, 0, 1], direction: [0, 0, 1], lowered"
+
+
+def more(task: str) -> tuple[str, str]:
+    """Another task beside the posture of the last level, as a replacement."""
+    return POSTURE, f"      - {{{task}}}\n{POSTURE}"
+
+
 @pytest.mark.parametrize(
-    ("old", "new"),
+    ("old", "new", "facts"),
     [
-        ("type: reactive", "type: reactve"),
-        ("type: reactive, ", ""),
-        ("mode: support", "mode: over_rot"),
-        ("settle: 0.1", "setle: 0.1"),
-        ("settle: 0.1", "settle: -1"),
-        ("weight: [1, 1, 2]", "weight: [1, x, 2]"),
-        ("weight: [1, 1, 2]", "weight: [0, 0, 0]"),
-        ("weight: [1, 1, 2]", "weight: -1"),
-        ("weight: [1, 1, 2]", "weight: true"),
-        ("axis: [0, 0, 1], ", "axis: [0, 0, 0], "),
-        ("gain: 0.05", "gain: 0"),
-        ("optional: true", "optional: yes"),
-        ("iterations: 8", "iterations: 8.5"),
-        ("iterations: 8", "iterations: 0"),
-        ("name: feet", "name: balance"),
-        ("    tasks: []", "    task: []"),
-        ("spine: 20", "spine: .nan"),
-        ("activation: all", "deflection_compensation: {settle: 0, speed_margin: -0.1, share: 1}"),
-        ("activation: all", "heading: {walking: [1.0, 0.5]}"),
+        ("type: reactive", "type: reactve", ()),
+        ("type: reactive, ", "", ()),
+        ("mode: support", "mode: over_rot", ()),
+        ("settle: 0.1", "setle: 0.1", ()),
+        ("settle: 0.1", "settle: -1", ()),
+        ("weight: [1, 1, 2]", "weight: [1, x, 2]", ()),
+        ("weight: [1, 1, 2]", "weight: [0, 0, 0]", ()),
+        ("weight: [1, 1, 2]", "weight: -1", ()),
+        ("weight: [1, 1, 2]", "weight: true", ()),
+        ("axis: [0, 0, 1], ", "axis: [0, 0, 0], ", ()),
+        ("gain: 0.05", "gain: 0", ()),
+        ("optional: true", "optional: yes", ()),
+        ("iterations: 8", "iterations: 8.5", ()),
+        ("iterations: 8", "iterations: 0", ()),
+        ("name: feet", "name: balance", ()),
+        ("    tasks: []", "    task: []", ()),
+        ("spine: 20", "spine: .nan", ()),
+        ("activation: all", "deflection_compensation: {settle: 0, speed_margin: -0.1, share: 1}", ()),
+        ("activation: all", "heading: {walking: [1.0, 0.5]}", ()),
+        ("mode: support", "mode: over_feet, when: double", ("strict level", "last level")),
+        (*more("type: carried, settle: 0.1, by: {head: 0.6, l_ankel: 0.2}"), "Did you mean l_ankle"),
+        (*more("type: carried, settle: 0.1, by: {head: 0.6, spine: 0.2}"), "unknown sensor"),
+        (*more("type: carried, settle: 0.1, by: {l_ankle: 0.5, r_ankle: 0.5}"), "the head has no share"),
+        (*more("type: carried, settle: 0.1, by: {}"), "the head has no share"),
+        (*more(f"{LOWERED}: [0, 0, -2]"), ("lowered", "opposite")),
+        (*more(f"{FLAT}, when: fligt"), ("when", "fligt", "flight")),
+        (*more(f"{FLAT}, when: both"), ("when", "both", "double")),
+        (*more(f"{FLAT}, when: []"), "when"),
+        (*more("type: centre_of_mass, mode: support, when: double"), ("when", "support", "inequality")),
+        (*more("type: posture, when: double"), "when"),
     ],
 )
-def test_refused_with_its_place(tmp_path: Path, old: str, new: str) -> None:
+def test_refused_with_its_place(tmp_path: Path, old: str, new: str, facts: Facts) -> None:
     assert old in EVERYTHING
-    with refuses(ConfigError, "mine.yaml"):
+    with refuses(ConfigError, "mine.yaml:", facts):
         load(EVERYTHING.replace(old, new, 1), tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("by", "message"),
-    [
-        ("{head: 0.6, l_ankel: 0.2}", "Did you mean l_ankle"),
-        ("{head: 0.6, spine: 0.2}", "unknown sensor"),
-        ("{l_ankle: 0.5, r_ankle: 0.5}", "the head has no share"),
-        ("{}", "the head has no share"),
-    ],
-)
-def test_what_carries_is_sensors_with_the_head_among_them(tmp_path: Path, by: str, message: str) -> None:
-    posture = "      - {type: posture, stiffness"
-    text = EVERYTHING.replace(posture, f"      - {{type: carried, settle: 0.1, by: {by}}}\n{posture}")
-    with refuses(ConfigError, "mine.yaml:", message):
-        load(text, tmp_path)
-    assert load(text.replace(by, "{l_ankle: 0.2, head: 0.6}"), tmp_path)
-
-
-SOFT = "    tasks:\n      - {type: posture"
-FLAT = "type: axis, of: l_ankle, axis: [0, 0, 1], direction: [0, 0, 1]"
-
-
-def phased(task: str, folder: Path) -> Priorities:
-    """A task beside the posture of the last level."""
-    return load(EVERYTHING.replace(SOFT, f"    tasks:\n      - {{{task}}}\n      - {{type: posture", 1), folder)
-
-
-def test_a_task_may_act_in_some_phases_of_support(tmp_path: Path) -> None:
+def test_a_task_may_act_in_some_phases_of_support_be_carried_or_lowered(tmp_path: Path) -> None:
     for text, phases in (("flight", ("flight",)), ("[double, left]", ("double", "left"))):
-        axis = phased(f"{FLAT}, when: {text}", tmp_path).levels[-1].tasks[0]
-        assert isinstance(axis, AxisTask)
-        assert axis.when == phases
-
-
-@pytest.mark.parametrize(
-    ("task", "messages"),
-    [
-        (f"{FLAT}, when: fligt", ("when", "fligt", "flight")),
-        (f"{FLAT}, when: both", ("when", "both", "double")),
-        (f"{FLAT}, when: []", ("when",)),
-        ("type: centre_of_mass, mode: support, when: double", ("when", "support", "inequality")),
-        ("type: posture, when: double", ("when",)),
-    ],
-)
-def test_other_phases_are_refused_with_their_place(tmp_path: Path, task: str, messages: tuple[str, ...]) -> None:
-    with refuses(ConfigError, "mine.yaml:", *messages):
-        phased(task, tmp_path)
-
-
-def test_no_strict_level_comes_and_goes_with_the_phase(tmp_path: Path) -> None:
-    text = EVERYTHING.replace("mode: support", "mode: over_feet, when: double", 1)
-    with refuses(ConfigError, "mine.yaml:", "strict level", "last level"):
-        load(text, tmp_path)
-
-
-def test_a_direction_is_not_lowered_to_its_opposite(tmp_path: Path) -> None:
-    posture = "      - {type: posture, stiffness"
-    axis = "{type: axis, of: pelvis, axis: [0, 0, 1], direction: [0, 0, 1], lowered: [0, 0, -2]}"
-    text = EVERYTHING.replace(posture, f"      - {axis}\n{posture}")
-    with refuses(ConfigError, "mine.yaml:", "lowered", "opposite"):
-        load(text, tmp_path)
-    assert load(text.replace("-2]", "2]"), tmp_path)
-
-
-def test_only_balanced_compensates_deflection_and_it_puts_soles_and_balance_before_limbs() -> None:
-    for name in ("servo", "paper", "human"):
-        assert load_priorities(name).deflection_compensation is None
-    balanced = load_priorities("balanced")
-    assert balanced.deflection_compensation is not None
-    assert [level.name for level in balanced.levels][:3] == ["soles", "balance", "self collision"]
+        axis = load(EVERYTHING.replace(*more(f"{FLAT}, when: {text}")), tmp_path).levels[-1].tasks[0]
+        assert isinstance(axis, AxisTask) and axis.when == phases
+    for task in ("type: carried, settle: 0.1, by: {l_ankle: 0.2, head: 0.6}", f"{LOWERED}: [0, 0, 2]"):
+        assert load(EVERYTHING.replace(*more(task)), tmp_path)
 
 
 WRITTEN_OUT = json.loads(Path(__file__).with_name("priorities_written_out.json").read_text(encoding="utf-8"))
@@ -275,24 +226,16 @@ def test_an_overlay_takes_from_its_base_what_it_does_not_say(tmp_path: Path) -> 
 def test_overlays_of_the_user_extend_shipped_ones_and_each_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A shipped overlay extends the shipped base, whatever the user has."""
+    shipped, balanced = load_priorities("balanced_sustained"), load_priorities("balanced")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     folder = tmp_path / "retarget" / "priorities"
     folder.mkdir(parents=True)
     head = "name: mine\ndescription: One of the user's.\n"
     (folder / "slower.yaml").write_text(head + "extends: balanced_sustained\niterations: 3\n", encoding="utf-8")
-    (folder / "slowest.yaml").write_text(head + "extends: slower\nlag_compensation: 0.1\n", encoding="utf-8")
-    shipped, own = load_priorities("balanced_sustained"), load_priorities("slowest")
-    own_keys = {"name": "mine", "description": "One of the user's.", "iterations": 3, "lag_compensation": 0.1}
-    assert own == shipped.model_copy(update=own_keys)
-
-
-def test_a_shipped_overlay_extends_the_shipped_base_whatever_the_user_has(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    balanced = load_priorities("balanced")
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    folder = tmp_path / "retarget" / "priorities"
-    folder.mkdir(parents=True)
+    (folder / "slowest.yaml").write_text(head + "extends: slower\nservo_lead: 0.1\n", encoding="utf-8")
+    own_keys = {"name": "mine", "description": "One of the user's.", "iterations": 3, "servo_lead": 0.1}
+    assert load_priorities("slowest") == shipped.model_copy(update=own_keys)
     (folder / "servo.yaml").write_text(EVERYTHING, encoding="utf-8")
     assert load_priorities("servo").name == "everything"
     assert load_priorities("balanced") == balanced
