@@ -1,5 +1,6 @@
 """What is asked of the hands is judged by what is asked of the torso; what the robot does takes no part."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -19,16 +20,8 @@ def performed() -> tuple[list[HumanPosture], list[DesiredLandmarks]]:
     human = postures(performer())
     for tick, posture in enumerate(human):
         turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), 0.3 * np.sin(0.002 * tick))
-        human[tick] = HumanPosture(
-            posture.q,
-            posture.joint_names,
-            rotations.rotate(turn, posture.joints),
-            rotations.multiply(turn, posture.orientations),
-            posture.centre_of_mass,
-            posture.sensor_error,
-            posture.balance_error,
-            posture.heading,
-        )
+        joints, orientations = rotations.rotate(turn, posture.joints), rotations.multiply(turn, posture.orientations)
+        human[tick] = replace(posture, joints=joints, orientations=orientations)
     landmarks = follower().landmark_map
     landmarks.restart()
     return human, [landmarks.desired(posture, DT) for posture in human]
@@ -60,11 +53,8 @@ def test_without_both_hands_nothing_is_said() -> None:
 
 
 def test_an_arm_knows_its_joints_and_its_ends() -> None:
-    assert [op3().body.joint_names[joint] for joint in chain_to_anchor(op3(), "l_hand")] == [
-        "l_el",
-        "l_sho_roll",
-        "l_sho_pitch",
-    ]
+    chain = [op3().body.joint_names[joint] for joint in chain_to_anchor(op3(), "l_hand")]
+    assert chain == ["l_el", "l_sho_roll", "l_sho_pitch"]
     stance = follower().stance
     shoulder = stance.points["l_shoulder"]
     bent = stance.q.copy()
@@ -100,8 +90,4 @@ def test_a_hand_that_is_away_is_away_for_as_long_as_in_one_piece() -> None:
     found = reachable_hands(op3(), asked, gone)
     assert found["r_hand"].away == 0.0
     assert 0.0 < found["l_hand"].away <= 80 * asked.dt
-    assert [longest(np.array(list(bits), dtype=np.int8) > 0) for bits in ([0, 0], [1, 1, 0, 1], [0, 1, 1, 1])] == [
-        0,
-        2,
-        3,
-    ]
+    assert [longest(np.array(bits) > 0) for bits in ([0, 0], [1, 1, 0, 1], [0, 1, 1, 1])] == [0, 2, 3]

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from messages import refuses
 from recordings import angle_between, moved, slider, with_servos
 from retarget.errors import InputError, UsageError
+from retarget.model.body import load_body_text
 from retarget.recording.exports.lerobot_dataset import lerobot_files
 from retarget.recording.exports.tables import arrow, columns_of, write_csv, write_parquet
 from retarget.recording.motion import Motion, resampled
@@ -43,11 +44,8 @@ def read(path: Path) -> Any:
     return arrow().parquet.read_table(path)
 
 
-def test_every_file_is_there_and_no_other(dataset: Path) -> None:
-    assert {str(path.relative_to(dataset)) for path in dataset.rglob("*") if path.is_file()} == FILES
-
-
 def test_the_schema_is_what_info_says(dataset: Path, motion: Motion) -> None:
+    assert {str(path.relative_to(dataset)) for path in dataset.rglob("*") if path.is_file()} == FILES
     info = json.loads((dataset / "meta/info.json").read_text())
     assert info["codebase_version"] == "v3.0" and info["fps"] == 50 and type(info["fps"]) is int
     assert info["total_frames"] == len(motion) and info["total_episodes"] == info["total_tasks"] == 1
@@ -150,9 +148,7 @@ def test_a_servo_that_was_silent_is_named(motion: Motion) -> None:
 
 def test_the_header_says_what_and_in_which_unit(motion: Motion) -> None:
     names = [column.name for column in columns_of(motion)]
-    assert names[:8] == [
-        *("time_s", "root_x_m", "root_y_m", "root_z_m", "root_qw", "root_qx", "root_qy", "root_qz"),
-    ]
+    assert names[:8] == ["time_s", "root_x_m", "root_y_m", "root_z_m", "root_qw", "root_qx", "root_qy", "root_qz"]
     assert names[8:11] == ["lift_m", "swing_rad", "roll_rad"]
     assert names[11:15] == ["servo_lift_m", "servo_swing_rad", "ticks_lift", "ticks_swing"]
     assert names[15:] == [f"asked_{name}_{axis}_m" for name in ("hand", "lost") for axis in "xyz"]
@@ -170,8 +166,6 @@ def test_a_csv_is_read_by_numpy_alone(motion: Motion) -> None:
 
 
 def test_names_with_commas_and_quotes_survive() -> None:
-    from retarget.model.body import load_body_text
-
     text = '<mujoco><worldbody><body name="b"><freejoint/><geom size="0.1"/><body name="c">'
     text += '<joint name="a, &quot;b&quot;"/><geom size="0.1"/></body></body></worldbody></mujoco>'
     stream = io.BytesIO()
