@@ -51,13 +51,10 @@ HOST = (IPv4Network("192.168.1.5"),)
         ("replay://a?up=z", StreamAddress("", "replay", path=Path("a"), up="z")),
         ("replay://a?kind=vmc", StreamAddress("", "replay", path=Path("a"), recorded="vmc")),
         ("replay://a/walk.raw", StreamAddress("", "replay", path=Path("a/walk.raw"))),
-        (
-            "replay:///a?b.raw?speed=1.5",
-            StreamAddress("", "replay", path=Path("/a?b.raw"), speed=1.5),
-        ),
+        ("replay:///a?b.raw?speed=1.5", StreamAddress("", "replay", path=Path("/a?b.raw"), speed=1.5)),
     ],
 )
-def test_what_an_address_means(text: str, expected: StreamAddress) -> None:
+def test_each_address_is_parsed(text: str, expected: StreamAddress) -> None:
     interface = "127.0.0.1" if expected.kind == "natnet" and expected.host == "127.0.0.1" else expected.interface
     assert parse_address(text) == replace(expected, text=text, interface=interface)
 
@@ -141,7 +138,7 @@ TEXTS = st.builds(
 
 
 @given(TEXTS)
-def test_whatever_is_written_nothing_listens_to_others_unasked(text: str) -> None:
+def test_no_text_lets_others_send_without_an_allow_list(text: str) -> None:
     try:
         address = parse_address(text)
     except UsageError:

@@ -22,8 +22,9 @@ from retarget.live.playout import (
     PlayoutSample,
     pose_filter,
 )
+from retarget.live.roles import Rows
 from retarget.rotations import IDENTITY
-from retarget.types import FloatArray
+from retarget.types import BoolArray, FloatArray
 
 COUNT = 12
 ROWS = np.arange(COUNT)
@@ -46,14 +47,13 @@ class Lateness(PlayoutDelay):
         super().note(arrival, lateness=lateness, gap=inf)
 
 
-def buffered(count: int = COUNT, delay: type[PlayoutDelay] = PlayoutDelay) -> Playout:
-    return Playout(count, delay=delay())
+def buffered(delay: type[PlayoutDelay] = PlayoutDelay) -> Playout:
+    return Playout(COUNT, delay=delay())
 
 
-def push(playout: Playout, time: float, *, late: float = 0.001, rows: FloatArray | None = None) -> None:
-    chosen = ROWS if rows is None else np.asarray(rows, dtype=np.intp)
+def push(playout: Playout, time: float, *, late: float = 0.001, rows: Rows = ROWS, valid: BoolArray = ALL) -> None:
     position, orientation = pose(time)
-    playout.push(chosen, time, position[chosen], orientation[chosen], ALL[chosen], arrival=time + late)
+    playout.push(rows, time, position[rows], orientation[rows], valid[rows], arrival=time + late)
 
 
 def worst(played: PlayoutSample) -> float:
@@ -121,7 +121,7 @@ def test_a_sensor_never_sent_is_nan() -> None:
     for playout in (buffered(), Playout(COUNT)):
         played = playout.read(1.0)
         assert set(played.how) == {How.NONE} and not played.valid.any() and (played.age == inf).all()
-        push(playout, 2.0, rows=np.array([3.0, 5.0]))
+        push(playout, 2.0, rows=np.array([3, 5]))
         played = playout.read(2.01)
         sent = np.isin(ROWS, [3, 5])
         assert ((played.how != How.NONE) == sent).all() and (played.valid == sent).all()
@@ -154,8 +154,7 @@ def test_a_sensor_that_the_sender_lost_is_not_valid_until_it_is_back() -> None:
     lost = ALL.copy()
     lost[4] = False
     for i in range(10, 20):
-        position, orientation = pose(1.0 + 0.01 * i)
-        playout.push(ROWS, 1.0 + 0.01 * i, position, orientation, lost, arrival=1.0 + 0.01 * i)
+        push(playout, 1.0 + 0.01 * i, late=0.0, valid=lost)
     played = playout.read(1.2)
     assert (played.valid == lost).all() and np.isfinite(played.position).all() and played.how[4] == How.HELD
     push(playout, 1.2)
@@ -164,19 +163,15 @@ def test_a_sensor_that_the_sender_lost_is_not_valid_until_it_is_back() -> None:
 
 
 def test_nonsense_is_not_stored_and_a_missing_part_is_no_nonsense() -> None:
-    playout = Playout(6)
+    playout, rows, yes = Playout(6), np.arange(6), np.ones(6, dtype=bool)
     position, orientation = np.zeros((6, 3)), np.tile(rotations.IDENTITY, (6, 1))
-    position[0] = nan
-    orientation[1] = nan
-    position[2, 1] = nan
-    position[3, 1] = inf
-    orientation[4] = 0.0
-    playout.push(np.arange(6), 1.0, position, orientation, np.ones(6, dtype=bool), arrival=1.0)
+    position[0], orientation[1], position[2, 1], position[3, 1], orientation[4] = nan, nan, nan, inf, 0.0
+    playout.push(rows, 1.0, position, orientation, yes, arrival=1.0)
     played = playout.read(1.0)
     assert played.valid.tolist() == [True, True, False, False, False, True]
     assert np.isnan(played.position[0]).all() and np.isfinite(played.orientation[0]).all()
     for time in (nan, inf, 5.0):
-        playout.push(np.arange(6), time, position, orientation, np.ones(6, dtype=bool), arrival=1.0)
+        playout.push(rows, time, position, orientation, yes, arrival=1.0)
     assert playout.dropped.reasons == {"not a capture time": 3} and playout.read(1.0).age[5] == 0.0
 
 
@@ -185,8 +180,7 @@ def test_nonsense_is_not_stored_and_a_missing_part_is_no_nonsense() -> None:
 )
 def test_a_storm_of_pushes(pushes: int, seed: int) -> None:
     """Random pushes and reads: nothing is raised, time and memory stay in bounds."""
-    rng = np.random.default_rng(seed)
-    playout = buffered(6)
+    rng, playout = np.random.default_rng(seed), Playout(6, delay=PlayoutDelay())
     odd = np.array([0.0, nan, inf, -inf, 1e300, 1e-300, -1.0, 1e4])
     now, before = 0.0, np.full(6, -inf)
     for _ in range(pushes):
@@ -200,8 +194,7 @@ def test_a_storm_of_pushes(pushes: int, seed: int) -> None:
         playout.push(rows, time, position, orientation, rng.random(len(rows)) < 0.95, arrival=now)
         if rng.random() < 0.5:
             played = playout.read(now)
-            settled = played.how >= How.EXTRAPOLATED
-            settled |= played.how == How.INTERPOLATED
+            settled = (played.how >= How.EXTRAPOLATED) | (played.how == How.INTERPOLATED)
             assert (played.time[settled] >= before[settled] - 1e-9).all()
             before[settled] = played.time[settled]
             assert (now - played.time[settled & (played.age < 0.05)] <= DELAY_CAP_S + 0.06).all()

@@ -24,7 +24,6 @@ from sim.emulator.faults import FaultKind as LineFault
 from sim.emulator.shaft import Shaft
 from sim.physics.bus import SimulatedShafts
 from sim.physics.perturbation import Perturbation, Push
-from sim.physics.witness import Witness
 
 
 def test_the_servos_of_op3_stand_and_follow() -> None:
@@ -44,39 +43,40 @@ def test_the_servos_of_op3_stand_and_follow() -> None:
     bus.close()
 
 
-def test_before_torque_a_hand_holds_it() -> None:
+def test_a_hand_holds_it_before_torque_then_it_stands_with_its_own_gains_and_its_feet_stay() -> None:
     rig = PhysicsRig()
-    bus: ServoBus = rig.bus
+    bus, witness = rig.bus, rig.bus.witness
     states = bus.read()
     assert states.position.tolist() == rig.start.tolist()
     assert states.valid.all() and not states.driven.any() and not states.age.any()
     assert (states.voltage > 11.0).all() and (states.temperature == 25.0).all() and not states.current.any()
     rig.clock.advance(5.0)
-    assert rig.bus.read().position.tolist() == rig.start.tolist()
-    assert rig.bus.witness.fall is None and rig.bus.witness.log.rows == 0
-    assert rig.bus.witness.simulation.held and rig.bus.read().soles is None, (
-        "no state of soles while a hand holds the robot"
-    )
-
-
-def test_it_stands_with_its_own_gains_and_its_feet_stay() -> None:
-    rig = PhysicsRig()
+    assert bus.read().position.tolist() == rig.start.tolist()
+    assert witness.fall is None and witness.log.rows == 0
+    assert witness.simulation.held and bus.read().soles is None, "no state of soles while a hand holds the robot"
     rig.arm()
     rig.run(1.0)
-    before = rig.bus.witness.state.sole.copy()
+    before = witness.state.sole.copy()
     states = rig.run(10.0)
-    bus = rig.bus
-    assert bus.witness.fall is None and not states.alert.any() and not bus.witness.log.self_contact_ticks
-    assert np.abs(bus.witness.state.sole - before).max() < 5e-4
-    assert bus.witness.log.slip_m.max() < 5e-4
-    assert np.degrees(bus.witness.log.worst_tilt) < 0.5
+    assert witness.fall is None and not states.alert.any() and not witness.log.self_contact_ticks
+    assert np.abs(witness.state.sole - before).max() < 5e-4
+    assert witness.log.slip_m.max() < 5e-4
+    assert np.degrees(witness.log.worst_tilt) < 0.5
     assert 0.005 < rig.error(states) < 0.05  # P gains without an I gain sag
-    assert bus.witness.state.load.sum() == pytest.approx(bus.witness.simulation.world.weight, rel=0.01)
+    assert witness.state.load.sum() == pytest.approx(witness.simulation.world.weight, rel=0.01)
     assert states.soles is not None and states.soles.tolist() == [True, True]
-    assert bus.witness.state.load[0] == pytest.approx(bus.witness.state.load[1], rel=0.1)
+    assert witness.state.load[0] == pytest.approx(witness.state.load[1], rel=0.1)
+    goal = standing()
+    goal[3] = 5000
+    with refuses(BusError):
+        bus.write(ServoGoals(goal))
+    bus.close()
+    for call in (bus.read, lambda: bus.write(ServoGoals(standing())), lambda: bus.torque(True)):
+        with refuses(BusError):
+            call()
 
 
-def test_the_guard_leads_it_from_arming_to_release() -> None:
+def test_the_guard_drives_it_from_arming_to_release() -> None:
     rig, joints = PhysicsRig(), op3().joint_map
     guard = Guard(bus=rig.bus, joint_map=joints, limits=op3().profile.safety.guard_limits())
     present, gate = guard.present(), Gate(joints, dt=DT)
@@ -137,18 +137,6 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
     assert record(3) == record(3) != record(4)
 
 
-def test_what_it_refuses() -> None:
-    rig = PhysicsRig()
-    goal = standing()
-    goal[3] = 5000
-    with refuses(BusError):
-        rig.bus.write(ServoGoals(goal))
-    rig.bus.close()
-    for call in (rig.bus.read, lambda: rig.bus.write(ServoGoals(standing())), lambda: rig.bus.torque(True)):
-        with refuses(BusError):
-            call()
-
-
 def test_a_fault_that_mechanics_cannot_play_is_refused_before_anything_moves(tmp_path: Path) -> None:
     faults = tmp_path / "faults.yaml"
     faults.write_text("faults:\n  - {fault: late, start: 1}\n  - {fault: overload, ids: [13]}\n")
@@ -197,36 +185,23 @@ def seen_through(folder: Path, kind: LineFault | None, *, mass: bool) -> list[tu
 # Physics below the bytes: the robot's own driver, emulated registers, simulated shafts.
 
 
-class WireRig:
-    def __init__(self) -> None:
-        self.clock = VirtualClock()
-        self.start = standing()
-        bus = physics_wire_bus(simulation_of(op3(), start=self.start), self.clock)
-        self.bus: ServoBus = bus
-        self.witness: Witness = bus.witness
-        self.bus.open()
-        self.bus.write(ServoGoals(self.bus.read().position))
-        self.bus.torque(True)
-        self.due = self.clock.now()
-
-    def run(self, seconds: float, goal: np.ndarray[tuple[int], np.dtype[np.int64]] | None = None) -> float:
-        """Largest error at the end, rad."""
-        asked = self.start if goal is None else goal
-        for _ in range(round(seconds / DT)):
-            self.due += DT
-            self.clock.sleep_until(self.due)
-            states = self.bus.read()
-            self.bus.write(ServoGoals(asked))
-        return float(np.abs(op3().joint_map.turned(states.position - asked)).max())
-
-
 def test_it_stands_through_the_wire_as_without() -> None:
-    rig = WireRig()
-    error = rig.run(2.0)
-    assert rig.witness.fall is None
-    assert rig.witness.log.slip_m.max() < 5e-4
+    clock, start = VirtualClock(), standing()
+    bus = physics_wire_bus(simulation_of(op3(), start=start), clock)
+    bus.open()
+    bus.write(ServoGoals(bus.read().position))
+    bus.torque(True)
+    due = clock.now()
+    for _ in range(250):
+        due += DT
+        clock.sleep_until(due)
+        states = bus.read()
+        bus.write(ServoGoals(start))
+    assert bus.witness.fall is None
+    assert bus.witness.log.slip_m.max() < 5e-4
+    error = np.abs(op3().joint_map.turned(states.position - start)).max()
     assert error == pytest.approx(0.0245, abs=0.004)  # the sag of the knees, as on the bus without a wire
-    assert rig.witness.state.load.sum() == pytest.approx(rig.witness.simulation.world.weight, rel=0.02)
+    assert bus.witness.state.load.sum() == pytest.approx(bus.witness.simulation.world.weight, rel=0.02)
 
 
 def sag(*, softer: float = 1.0, drive_limit: float = 1.0) -> float:

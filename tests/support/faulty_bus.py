@@ -63,13 +63,10 @@ class FaultyBus(MockBus):
         clock: Clock,
         *,
         start: TickArray | None = None,
-        lag: float | None = None,
         faults: Sequence[MockFault] = (),
         imu_of: RobotBody | None = None,
     ) -> None:
         super().__init__(servos, clock, start=start, imu_of=imu_of)
-        if lag is not None:
-            self._lag = np.full(len(servos), lag)
         models = [servo.model for servo in servos]
         self._current = np.array([np.nan if model.current_unit is None else IDLE_CURRENT for model in models])  # [A]
         self._voltage = np.array([model.voltage for model in models])

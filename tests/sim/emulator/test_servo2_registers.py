@@ -61,7 +61,7 @@ def memory(**values: int) -> Memory:
 
 
 class Counted:
-    """A shaft, and the registers that define how it is counted."""
+    """A shaft, and the registers that count its turns."""
 
     def __init__(self, mode: int, position: float = 0.0, offset: int = 0) -> None:
         self.memory = memory(operating_mode=mode, homing_offset=offset)
@@ -460,7 +460,7 @@ both = pytest.mark.parametrize("make", [servo2, servo1])
     goal=st.integers(0, 4095),
     times=st.lists(st.floats(0.0, 3.0), max_size=12),
 )
-def test_how_often_one_looks_changes_no_motion(make: Make, goal: int, times: list[float]) -> None:
+def test_the_number_of_reads_changes_no_motion(make: Make, goal: int, times: list[float]) -> None:
     watched, left = make(), make()
     for servo in (watched, left):
         servo.write(24 if servo.protocol == 1 else 64, b"\1", 0.0)

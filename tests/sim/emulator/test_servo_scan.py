@@ -20,8 +20,11 @@ def _row(out: str, device: int) -> str:
     return next(line for line in out.splitlines() if line.split()[2:3] == [str(device)])
 
 
+OP3 = ("scan", "--robot", "op3", "--port", "emulator")
+
+
 def test_every_servo_is_found_and_nothing_is_written(lab: ServoLab) -> None:
-    code, out, err = lab.run("scan", "--robot", "op3", "--port", "emulator")
+    code, out, err = lab.run(*OP3)
     assert code == 0
     shows(err)
     assert len(out.splitlines()) == 1 + 1 + 21 and "missing" not in out
@@ -31,46 +34,39 @@ def test_every_servo_is_found_and_nothing_is_written(lab: ServoLab) -> None:
     assert lab.bauds[0] == 2_000_000  # the speed of the profile comes first
 
 
-def test_servos_whose_power_is_switched_off_are_said_to_be(lab: ServoLab) -> None:
+def test_servos_without_power_a_latched_error_and_a_scan_that_finds_nothing_are_reported(lab: ServoLab) -> None:
     lab.before = {(200, "dynamixel_power"): 0}
-    code, out, _ = lab.run("scan", "--robot", "op3", "--port", "emulator", "--protocol", "2")
+    code, out, _ = lab.run(*OP3, "--protocol", "2")
     assert code == 0 and Instruction.WRITE not in lab.instructions()
     shows(out.splitlines()[-1])
-
-
-def test_a_servo_at_an_unusual_speed_is_found_by_a_whole_scan(lab: ServoLab) -> None:
-    lab.before = {(2, "baud_rate"): 0}  # 9600 baud
-    words = ("scan", "--robot", "op3", "--port", "emulator")
-    code, out, err = lab.run(*words)
-    assert code == 0 and "l_sho_pitch (id 2)" in out and "--all" in err
-    code, out, err = lab.run(*words, "--all", "--protocol", "2")
-    assert (code, err) == (0, "") and "missing" not in out and _row(out, 2).split()[1] == "9600"
-
-
-def test_a_quick_look_that_finds_nothing_says_how_to_look_everywhere(lab: ServoLab) -> None:
+    lab.before, lab.faults = {}, [Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0)]
+    code, out, _ = lab.run("scan", "--port", "emulator", "--baud", "2000000", "--ids", "6-8")
+    assert code == 0 and "OVERHEATING" not in _row(out, 8)
+    shows(_row(out, 7), "OVERHEATING")
     lab.faults = [Fault(FaultKind.MISSING)]
     code, out, err = lab.run("scan", "--port", "emulator")
     assert (code, out) == (2, "")
     shows(err, "--all")
 
 
+def test_a_servo_at_an_unusual_speed_is_found_by_a_whole_scan(lab: ServoLab) -> None:
+    lab.before = {(2, "baud_rate"): 0}  # 9600 baud
+    code, out, err = lab.run(*OP3)
+    assert code == 0 and "l_sho_pitch (id 2)" in out and "--all" in err
+    code, out, err = lab.run(*OP3, "--all", "--protocol", "2")
+    assert (code, err) == (0, "") and "missing" not in out and _row(out, 2).split()[1] == "9600"
+
+
 def test_missing_unknown_fast_and_wrong_servos_are_reported(lab: ServoLab) -> None:
     lab.before = {(2, "baud_rate"): 1, (3, "id"): 77}
     lab.faults = [Fault(FaultKind.MISSING, ids=(5,)), Fault(FaultKind.ID_CLASH, ids=(6,))]
-    code, out, _ = lab.run("scan", "--robot", "op3", "--port", "emulator", "--protocol", "2")
+    code, out, _ = lab.run(*OP3, "--protocol", "2")
     assert code == 0
     shows(_row(out, 2), 57600, "2.0", 2000000)
     assert _row(out, 77).endswith("unknown") or "unknown" in _row(out, 77)
     shows(_row(out, 6))
     missing = next(line for line in out.splitlines() if line.startswith("missing"))
     assert "id 3" in missing and "id 5" in missing and "id 6" not in missing
-
-
-def test_a_latched_error_is_said_in_words(lab: ServoLab) -> None:
-    lab.faults = [Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0)]
-    code, out, _ = lab.run("scan", "--port", "emulator", "--baud", "2000000", "--ids", "6-8")
-    assert code == 0 and "OVERHEATING" not in _row(out, 8)
-    shows(_row(out, 7), "OVERHEATING")
 
 
 @pytest.mark.parametrize(

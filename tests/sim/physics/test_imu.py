@@ -1,4 +1,4 @@
-"""The IMU of a simulated robot: what it says is what its body does."""
+"""The IMU of a simulated robot measures what its body does."""
 
 import math
 from dataclasses import replace
@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hardware.bus import ServoGoals
+from hardware.bus import ServoBus, ServoGoals
 from hardware.clock import VirtualClock
-from hardware.imu import STANDARD_GRAVITY, ImuSample
+from hardware.imu import STANDARD_GRAVITY, ImuSample, from_roll_pitch_yaw
 from retarget import rotations
 from retarget.cli.buses import posture_ticks
 from retarget.model.robot import RobotBody, load_robot
 from sim.buses import imu_stand_in, physics_bus, physics_wire_bus, simulation_of
-from sim.imu import Ailment, ImuErrors
+from sim.imu import Ailment, ImuErrors, ImuStandIn, ImuTruth
 from sim.physics.imu import LinkMotion
 from sim.physics.perturbation import Push
 from sim.physics.simulation import Simulation
@@ -33,23 +33,24 @@ def pushed(robot: RobotBody, *, seed: int = 0) -> Simulation:
     return simulation
 
 
-def standing(bus: object, clock: VirtualClock, cycles: int) -> list[ImuSample]:
+def standing(bus: ServoBus, clock: VirtualClock, cycles: int) -> list[ImuSample]:
     """Torque on in the present posture, held for so many cycles."""
-    bus.open()  # type: ignore[attr-defined]
-    states = bus.read()  # type: ignore[attr-defined]
-    goals, found = ServoGoals(states.position), []
-    bus.write(goals)  # type: ignore[attr-defined]
-    bus.torque(True)  # type: ignore[attr-defined]
+    bus.open()
+    goals, found = ServoGoals(bus.read().position), []
+    bus.write(goals)
+    bus.torque(True)
     for _ in range(cycles):
         clock.advance(CYCLE / 2)
-        bus.write(goals)  # type: ignore[attr-defined]
+        bus.write(goals)
         clock.advance(CYCLE / 2)
-        found.append(bus.read().imu)  # type: ignore[attr-defined]
+        sample = bus.read().imu
+        assert sample is not None
+        found.append(sample)
     return found
 
 
-def test_a_falling_robot_says_how(robot: RobotBody) -> None:
-    """It pitches forward until it lies; then it feels one g along another axis."""
+def test_the_imu_of_a_falling_robot_shows_the_fall(robot: RobotBody) -> None:
+    """It pitches forward until it lies; then one g acts along another axis."""
     clock = VirtualClock()
     samples = standing(physics_bus(pushed(robot), clock), clock, 600)
     before = round(1.4 / CYCLE)
@@ -98,7 +99,7 @@ def test_reading_it_changes_no_bit_of_the_motion(robot: RobotBody) -> None:
     assert read.data.qvel.tobytes() == alone.data.qvel.tobytes()
 
 
-def test_both_physics_buses_say_the_same_but_for_noise(robot: RobotBody) -> None:
+def test_both_physics_buses_measure_the_same_but_for_noise(robot: RobotBody) -> None:
     found = []
     for make in (physics_bus, physics_wire_bus):
         clock = VirtualClock()
@@ -110,7 +111,7 @@ def test_both_physics_buses_say_the_same_but_for_noise(robot: RobotBody) -> None
 
 
 @pytest.mark.parametrize("ailment", [Ailment.FROZEN, Ailment.SPIKES])
-def test_a_broken_one_is_not_believed(robot: RobotBody, ailment: Ailment) -> None:
+def test_samples_of_a_broken_one_are_invalid(robot: RobotBody, ailment: Ailment) -> None:
     clock = VirtualClock()
     bus = physics_bus(simulation_of(robot, start=posture_ticks(robot)), clock)
     bus._bus._imu._sensor.ailment = ailment  # type: ignore[attr-defined]
@@ -119,9 +120,6 @@ def test_a_broken_one_is_not_believed(robot: RobotBody, ailment: Ailment) -> Non
 
 def test_delay_and_dropouts() -> None:
     """A body that tips over by 1 rad/s, seen 50 ms late, with every third reading missing."""
-    from hardware.imu import from_roll_pitch_yaw
-    from sim.imu import ImuStandIn, ImuTruth
-
     now = [0.0]
     sensor = ImuStandIn(
         motion=lambda: ImuTruth(from_roll_pitch_yaw(0.0, now[0], 0.0)),

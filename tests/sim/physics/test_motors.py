@@ -8,19 +8,12 @@ import numpy as np
 import pytest
 
 from bus_rig import waist_servos
+from hardware.arrays import FloatArray
 from hardware.bus import ServoAlert
 from hardware.motors import drive_numbers
 from hardware.servo import SERVO_MODELS, ServoGains, ServoSpec, find_model, loop_lag, loop_stiffness
 from physics_rig import op3
-from sim.physics.motors import (
-    HEAT_PER_WATT,
-    Drive,
-    Electrics,
-    Motors,
-    PositionLoop,
-    add_motors,
-    position_loop,
-)
+from sim.physics.motors import HEAT_PER_WATT, Drive, Electrics, Motors, PositionLoop, add_motors, position_loop
 from sim.physics.world import robot_drives
 from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, HEAT_TIME, IDLE_CURRENT, SUPPLY_RESISTANCE
 
@@ -60,10 +53,8 @@ ON = np.ones(COUNT, dtype=np.bool_)
 STILL = np.zeros(COUNT)
 
 
-def load(value: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    torque = np.zeros(COUNT)
-    torque[3] = value
-    return torque
+def load(value: float) -> FloatArray:
+    return np.where(np.arange(COUNT) == 3, value, 0.0)
 
 
 def test_a_servo_warms_to_its_final_rise_of_the_size_of_the_emulator_and_cools_again() -> None:
@@ -142,16 +133,16 @@ class Bench:
             mujoco.mj_step(self.model, self.data)
 
 
-def knee(**changes: Any) -> ServoSpec:
-    gains = ServoGains(position_p=changes.pop("p", 800), position_i=changes.pop("i", 0))
-    direction = changes.pop("direction", 1)
-    model = find_model("XM430-W350")
-    return ServoSpec("knee", 1, model, "main", direction, 2048, -1.0, 1.0, 2.0, 20.0, gains=gains, **changes)
+def servo(model: str = "XM430-W350", **gains: int) -> ServoSpec:
+    return ServoSpec("knee", 1, find_model(model), "main", 1, 2048, -1.0, 1.0, 2.0, 20.0, gains=ServoGains(**gains))
+
+
+KNEE = servo(position_p=800, position_i=0)
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 1.3])
 def test_under_load_it_hangs_back_by_the_torque_over_the_stiffness(scale: float) -> None:
-    bench = Bench(ARM.format(mass=1.0), (knee(),), scale)
+    bench = Bench(ARM.format(mass=1.0), (KNEE,), scale)
     bench.run(3.0)
     torque, drive = 0.981, bench.drives[0]
     stiffness = scale * loop_stiffness(drive.servo)
@@ -162,7 +153,7 @@ def test_under_load_it_hangs_back_by_the_torque_over_the_stiffness(scale: float)
 
 @pytest.mark.parametrize("volts", [9.0, 12.0])
 def test_its_speed_is_bounded_by_the_supply(volts: float) -> None:
-    bench = Bench(ARM.format(mass=1e-4), (knee(p=16000),))
+    bench = Bench(ARM.format(mass=1e-4), (servo(position_p=16000, position_i=0),))
     bench.power(True, volts)
     bench.motors.goal = np.array([100.0])
     bench.run(1.0)
@@ -173,7 +164,7 @@ def test_its_speed_is_bounded_by_the_supply(volts: float) -> None:
 
 @pytest.mark.parametrize(("current", "most"), [(None, 2.95), (0.5, 0.5 * 2.362)])
 def test_its_torque_is_bounded_by_the_motor_and_by_its_current_limit(current: float | None, most: float) -> None:
-    bench = Bench(ARM.format(mass=10.0), (knee(current_limit=current),))  # 9.8 N m at the start
+    bench = Bench(ARM.format(mass=10.0), (replace(KNEE, current_limit=current),))  # 9.8 N m at the start
     bench.motors.goal = np.array([-1.0])
     bench.run(0.02)
     assert abs(float(bench.motors.torque(bench.data)[0])) == pytest.approx(most, rel=0.01)
@@ -186,16 +177,12 @@ def test_a_coupled_pair_turns_both_joints() -> None:
     bench = Bench(WAIST, pair)
     coupling = roll.coupling
     assert coupling is not None
-    asked = np.array([0.2, -0.3])  # joints
-    shafts = np.array(coupling.inverse) @ asked * [roll.direction, yaw.direction]
+    joints = np.array([0.2, -0.3])
+    shafts = np.array(coupling.inverse) @ joints * [roll.direction, yaw.direction]
     bench.motors.goal = shafts
     bench.run(3.0)
-    assert bench.data.qpos.tolist() == pytest.approx(asked.tolist(), abs=0.01)
+    assert bench.data.qpos.tolist() == pytest.approx(joints.tolist(), abs=0.01)
     assert bench.motors.angle(bench.data).tolist() == pytest.approx(shafts.tolist(), abs=0.03)
-
-
-def servo(model: str = "XM430-W350", **gains: int) -> ServoSpec:
-    return ServoSpec("knee", 1, find_model(model), "main", 1, 2048, -1.0, 1.0, 2.0, 20.0, gains=ServoGains(**gains))
 
 
 def loop(model: str = "XM430-W350", protocol: int = 2, **gains: int) -> PositionLoop:

@@ -4,7 +4,6 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from physics_rig import PhysicsRig, op3, standing
 from retarget.errors import ConfigError
 from retarget.ik.support_polygon import support_distance, support_edges
 from retarget.model.body_file import engine
-from retarget.model.robot import RobotBody, load_robot
+from retarget.model.robot import load_robot
 from sim.buses import simulation_of
 from sim.physics.ground import MAX_CORNERS, SOLE, sole_corners
 from sim.physics.mount import Mount, Support, mount_of
@@ -47,15 +46,6 @@ def moving(seed: int) -> PhysicsRig:
     return rig
 
 
-def creep(rig: PhysicsRig) -> float:
-    """Greatest speed, m/s, along the floor of a corner that is held, 8 ms later."""
-    rig.bus.witness.simulation._steps.take(4)
-    data = rig.bus.witness.simulation.data
-    engine().mj_step1(rig.bus.witness.simulation.world.model, data)
-    rows = data.contact.efc_address[:, None] + np.array([1, 2])
-    return float(np.abs(data.efc_vel[rows]).max())
-
-
 def numeric(rig: PhysicsRig, contact: int) -> FloatArray:
     """Acceleration (3,) m/s^2 of what touches at a contact when no joint accelerates: its velocity's change along the
     speeds, by central differences."""
@@ -77,7 +67,7 @@ def numeric(rig: PhysicsRig, contact: int) -> FloatArray:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_it_is_the_derivative_of_the_jacobian(seed: int) -> None:
+def test_the_correction_is_the_derivative_of_the_jacobian(seed: int) -> None:
     rig = moving(seed)
     data, model = rig.bus.witness.simulation.data, rig.bus.witness.simulation.world.model
     engine().mj_step1(model, data)
@@ -107,24 +97,18 @@ def test_a_robot_in_the_air_moves_as_the_engine_says() -> None:
     assert ours.bus.witness.simulation.data.qpos.tolist() == data.qpos.tolist()
 
 
-ALL = np.ones(20, dtype=np.bool_)
-
-
-def running(seed: int = 0) -> Simulation:
-    simulation = simulation_of(op3(), start=standing(), seed=seed)
-    simulation.switch(ALL)
+def running() -> Simulation:
+    simulation = simulation_of(op3(), start=standing())
+    simulation.switch(np.ones(20, dtype=np.bool_))
     return simulation
 
 
-def test_however_it_is_cut_the_motion_is_the_same_within_a_batch() -> None:
+def test_the_motion_is_the_same_in_steps_and_a_push_begins_and_ends_on_time() -> None:
     whole, cut = running(), running()
     whole.advance(0.008)
     for step in range(1, 5):
         cut.advance(0.002 * step)
     assert whole.data.qpos.tolist() == pytest.approx(cut.data.qpos.tolist(), abs=1e-5)
-
-
-def test_a_push_begins_and_ends_on_time() -> None:
     simulation = running()
     simulation.push(Push((0.0, 2.0, 0.0), 0.01, 0.02, frame="neck"))
     simulation.advance(0.008)
@@ -162,21 +146,12 @@ def test_what_is_drawn_is_as_large_as_stated_and_the_same_for_the_same_seed() ->
     assert {push.force for push in pushes} == {(3.0, 0.0, 0.0), (-3.0, 0.0, 0.0), (0.0, 3.0, 0.0)}
     assert all(WITHIN[0] <= push.start <= WITHIN[1] and push.duration == 0.2 for push in pushes)
     assert {push.frame for push in pushes} == {"neck"}
-
-
-def test_a_number_that_is_given_is_not_drawn() -> None:
     for kind in (PerturbationKind.STIFFNESS, PerturbationKind.FRICTION):
         given = {drawn(kind, seed, within=WITHIN, value=0.6) for seed in range(3)}
         assert len(given) == 1 and 0.6 in vars(given.pop()).values()
 
 
 # The world: masses, soles and shapes, mounts, fixtures, and what it refuses.
-
-HOOK = "neck"
-
-
-def changed(**update: Any) -> RobotBody:
-    return replace(op3(), profile=op3().profile.model_copy(update=update))
 
 
 def test_it_weighs_what_the_body_file_says_and_masses_can_be_scaled_and_moved() -> None:
@@ -203,7 +178,7 @@ def test_soles_slide_beyond_the_friction_of_the_floor(share: float, slides: bool
     assert slides or (rig.bus.witness.log.slip_m < 5e-4).all()
 
 
-def test_soles_touch_where_their_polygons_end() -> None:
+def test_soles_touch_the_floor_alone_where_their_polygons_end_and_feet_do_not() -> None:
     polygon = np.array(op3().profile.feet["left"].polygon)
     corners = sole_corners(polygon)
     assert len(corners) == MAX_CORNERS
@@ -211,9 +186,6 @@ def test_soles_touch_where_their_polygons_end() -> None:
     assert 0.0 <= lost.max() < 0.006  # m
     square = polygon[[1, 2, 5, 6]]
     assert sole_corners(square) is square
-
-
-def test_shapes_of_the_feet_do_not_see_the_floor_and_soles_see_nothing_else() -> None:
     model = simulation_of(op3(), start=standing()).world.model
     floor = model.geom("physics_floor")
     for index in range(model.ngeom):
@@ -225,25 +197,20 @@ def test_shapes_of_the_feet_do_not_see_the_floor_and_soles_see_nothing_else() ->
             assert sees is ("foot" not in geom.name)
 
 
-def test_on_a_stand_it_keeps_its_root_and_never_falls() -> None:
-    rig = PhysicsRig(mount=Mount(Support.STAND))
+def test_a_robot_on_a_stand_keeps_its_root_and_on_a_gantry_hangs_below_its_hook() -> None:
+    rig, gantry = PhysicsRig(mount=Mount(Support.STAND)), PhysicsRig(mount=Mount(Support.GANTRY, hook="neck"))
     rig.arm()
-    states = rig.run(1.0)
-    assert rig.bus.witness.fall is None and not rig.bus.witness.state.load.any()
+    states, stand = rig.run(1.0), rig.bus.witness
+    assert stand.fall is None and not stand.state.load.any()
     assert rig.error(states) < 0.03
-    assert not np.ptp(rig.bus.witness.log.column("root"), axis=0).any()
-    assert rig.bus.witness.state.sole[:, 2].min() > 0.04
-
-
-def test_on_a_gantry_it_hangs_below_its_hook() -> None:
-    rig = PhysicsRig(mount=Mount(Support.GANTRY, hook=HOOK))
-    rig.arm()
-    rig.run(3.0)
-    state = rig.bus.witness.state
-    assert rig.bus.witness.fall is None and not state.load.any() and not state.touching
-    height = rig.bus.witness.log.column("root")[:, 2]
-    assert np.ptp(height[200:]) < 5e-3
-    neck = op3().points(state.q[None], (HOOK,))[0, 0]
+    assert not np.ptp(stand.log.column("root"), axis=0).any()
+    assert stand.state.sole[:, 2].min() > 0.04
+    gantry.arm()
+    gantry.run(3.0)
+    witness, state = gantry.bus.witness, gantry.bus.witness.state
+    assert witness.fall is None and not state.load.any() and not state.touching
+    assert np.ptp(witness.log.column("root")[200:, 2]) < 5e-3
+    neck = op3().points(state.q[None], ("neck",))[0, 0]
     assert neck[:2].tolist() == pytest.approx(state.com[:2].tolist(), abs=3e-3)
     assert state.sole[:, 2].min() > 0.02
 
@@ -260,17 +227,14 @@ def test_legs_of_a_robot_whose_profile_holds_it_do_not_meet_the_floor(root: str,
     assert soles[:, 2].min() == pytest.approx(0.2, abs=2e-3)
 
 
-def test_a_robot_without_feet_or_gains_is_refused() -> None:
+def test_a_robot_without_feet_or_gains_and_a_missing_engine_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, start, joints = op3(), standing(), op3().joint_map
+    without_feet = replace(robot, profile=robot.profile.model_copy(update={"feet": {}}))
+    servos = [replace(servo, gains=type(servo.gains)()) for servo in joints.servos]
     with refuses(ConfigError):
-        simulation_of(changed(feet={}), start=standing())
-    servos = [replace(servo, gains=type(servo.gains)()) for servo in op3().joint_map.servos]
-    robot = replace(op3(), joint_map=type(op3().joint_map)(servos))
+        simulation_of(without_feet, start=start)
     with refuses(ConfigError, 20, "r_sho_pitch"):
-        simulation_of(robot, start=standing())
-
-
-def test_a_missing_engine_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, start = op3(), standing()
+        simulation_of(replace(robot, joint_map=type(joints)(servos)), start=start)
     monkeypatch.setitem(sys.modules, "mujoco", None)
     for start_of_it in (lambda: simulation_of(robot, start=start), lambda: load_robot("op3")):
         with refuses(ConfigError, "MuJoCo"):
