@@ -17,15 +17,16 @@ from retarget.sources.open import open_source, recognise
 
 
 def test_content_comes_before_suffix_and_case_does_not_matter(tmp_path: Path) -> None:
-    for name in ("a.bvh", "A.BVH", "a.txt", "a", "a.amc"):
-        (tmp_path / name).write_text("# exported\n\n" + bvh_text() if name == "a.txt" else bvh_text())
-        assert recognise(tmp_path / name) == "bvh"
-    for name in ("b.c3d", "B.C3D", "b.bin"):
-        (tmp_path / name).write_bytes(c3d_bytes())
-        assert recognise(tmp_path / name) == "c3d"
-    for name in ("c.amc", "C.AMC", "c.txt"):
-        (tmp_path / name).write_text(amc_text())
-        assert recognise(tmp_path / name) == "amc"
+    bvh, amc = bvh_text().encode(), amc_text().encode()
+    for kind, names, content in (
+        ("bvh", ("a.bvh", "A.BVH", "a", "a.amc"), bvh),
+        ("bvh", ("a.txt",), b"# exported\n\n" + bvh),
+        ("c3d", ("b.c3d", "B.C3D", "b.bin"), c3d_bytes()),
+        ("amc", ("c.amc", "C.AMC", "c.txt"), amc),
+    ):
+        for name in names:
+            (tmp_path / name).write_bytes(content)
+            assert recognise(tmp_path / name) == kind
 
 
 def of_each_format(folder: Path) -> tuple[Path, Path, Path]:
@@ -77,18 +78,18 @@ def test_the_up_axis_can_be_said_and_a_root_only_for_a_bvh(tmp_path: Path) -> No
 
 
 def test_a_skeleton_can_be_named_but_only_for_an_amc(tmp_path: Path) -> None:
-    (tmp_path / "other.asf").write_text(asf_text())
-    (tmp_path / "lone.amc").write_text(amc_text())
-    (tmp_path / "a.bvh").write_text(bvh_text())
+    skeleton, amc, bvh = tmp_path / "other.asf", tmp_path / "lone.amc", tmp_path / "a.bvh"
+    for path, text in ((skeleton, asf_text()), (amc, amc_text()), (bvh, bvh_text())):
+        path.write_text(text)
     with refuses(InputError, "--skeleton"):
-        open_source(tmp_path / "lone.amc")
-    assert len(open_source(tmp_path / "lone.amc", skeleton=str(tmp_path / "other.asf"))) == 3
+        open_source(amc)
+    assert len(open_source(amc, skeleton=str(skeleton))) == 3
     with refuses(UsageError, "AMC"):
-        open_source(tmp_path / "a.bvh", skeleton=tmp_path / "other.asf")
+        open_source(bvh, skeleton=skeleton)
     with refuses(UsageError, "--markers"):
-        open_source(tmp_path / "a.bvh", markers=tmp_path / "table.yaml")
+        open_source(bvh, markers=tmp_path / "table.yaml")
     with refuses(InputError):
-        open_source(tmp_path / "lone.amc", skeleton=tmp_path / "missing.asf")
+        open_source(amc, skeleton=tmp_path / "missing.asf")
 
 
 @pytest.mark.parametrize(
@@ -167,24 +168,16 @@ def test_a_recording_of_datagrams_is_refused_as_such(tmp_path: Path, magic: byte
 # Reading motion files as bytes and lines, and the checks every reader shares.
 
 
-def test_lines_of_any_line_ends_and_encodings(tmp_path: Path) -> None:
+def test_lines_of_any_line_ends_and_encodings_but_no_binary_content(tmp_path: Path) -> None:
     path = tmp_path / "a"
     for content in (b"a\nb\n", b"a\r\nb\r\n", b"a\rb\r", b"\xef\xbb\xbfa\nb\n"):
         path.write_bytes(content)
         assert files.read_lines(path) == ["a", "b", ""]
     path.write_bytes(b"J\xfcrgen")
     assert files.read_lines(path) == ["Jürgen"]
-
-
-def test_binary_content_is_refused_with_its_line(tmp_path: Path) -> None:
-    path = tmp_path / "a"
     path.write_bytes(b"a\nb\n\0")
     with refuses(InputError, where="a:3"):
         files.read_lines(path)
-
-
-def test_the_head_of_a_file_is_short(tmp_path: Path) -> None:
-    path = tmp_path / "a"
     path.write_bytes(b"x" * 10_000)
     assert len(files.read_bytes(path, files.HEAD_BYTES)) == 4096 and len(files.read_bytes(path)) == 10_000
 

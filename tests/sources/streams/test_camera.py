@@ -79,10 +79,9 @@ def test_coming_nearer_or_going_back_is_no_crouch_and_no_step(to: float) -> None
 def test_who_sits_at_first_has_a_standing_height_once_they_stand() -> None:
     low = crouching(PERSON, 0.4, seconds=6.0)
     rows = landmarks(low)
-    down, up = int(low.of("pelvis")[:, 2].argmin()), len(rows)
-    clip = after(
-        np.concatenate([np.repeat(rows[[down]], 150, axis=0), rows[down:up], np.repeat(rows[[-1]], 60, axis=0), rows])
-    )
+    down = int(low.of("pelvis")[:, 2].argmin())
+    sits, stands = np.repeat(rows[[down]], 150, axis=0), np.repeat(rows[[-1]], 60, axis=0)
+    clip = after(np.concatenate([sits, rows[down:], stands, rows]))
     height = clip.of("pelvis")[:, 2]
     stood = height[-len(rows) - 1]
     assert stood == pytest.approx(low.of("pelvis")[0, 2], abs=0.03)

@@ -50,12 +50,9 @@ def answered(*, multicast: bool = False, version: Version = V41, now: float = 0.
 
 def test_it_asks_again_until_a_server_answers() -> None:
     session = NatnetSession()
-    assert session.poll(0.0) == [connect_message()]
-    assert session.poll(0.5) == []
-    assert session.poll(1.0) == [connect_message()]
+    assert [session.poll(now) for now in (0.0, 0.5, 1.0)] == [[connect_message()], [], [connect_message()]]
     session.receive(2.1, server_info(V41))
-    assert session.poll(2.1) == [DEFINITIONS_REQUEST, KEEP_ALIVE]
-    assert session.poll(3.05) == []
+    assert [session.poll(now) for now in (2.1, 3.05)] == [[DEFINITIONS_REQUEST, KEEP_ALIVE], []]
 
 
 def test_definitions_are_asked_for_until_they_come() -> None:
@@ -71,22 +68,15 @@ def test_definitions_are_asked_for_until_they_come() -> None:
     assert session.poll(2.5) == []
 
 
-def test_signs_of_life_come_by_time_and_not_by_frames() -> None:
-    session = answered()
-    sent = 0
+def test_signs_of_life_come_by_time_and_not_by_frames_and_never_in_a_group() -> None:
+    session, group = answered(), answered(multicast=True, version=V44)
+    sent = list[bytes]()
     for i in range(1, 2401):
-        now = i / 240
-        session.receive(now, FRAME)
-        sent += session.poll(now).count(KEEP_ALIVE)
-    assert sent == pytest.approx(10 / KEEP_ALIVE_S, abs=1)
-
-
-def test_multicast_needs_no_sign_of_life() -> None:
-    session = NatnetSession(group=GROUP)
-    assert session.poll(0.0) == [connect_message()]
-    session.receive(0.0, server_info(V44, multicast=True))
-    sent = [one for i in range(50) for one in session.poll(i / 10)]
-    assert KEEP_ALIVE not in sent
+        session.receive(i / 240, FRAME)
+        group.receive(i / 240, FRAME)
+        sent += session.poll(i / 240)
+        assert KEEP_ALIVE not in group.poll(i / 240)
+    assert sent.count(KEEP_ALIVE) == pytest.approx(10 / KEEP_ALIVE_S, abs=1)
 
 
 def test_changed_definitions_are_asked_for_once_and_not_per_frame() -> None:
