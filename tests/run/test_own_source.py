@@ -47,12 +47,6 @@ def run(read: Read, clock: VirtualClock, buses: list[MockBus], tap: RawTap | Non
         return prepared.run()
 
 
-def plain(count: int = 1) -> list[StreamFrame]:
-    names = ("head", "l_wrist")
-    frame = StreamFrame(names, np.zeros((2, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), np.ones(2, dtype=bool))
-    return [frame] * count
-
-
 @given(st.integers(0, 2**32 - 1), st.sampled_from([None, 12.25]), st.sampled_from([None, 7]))
 def test_what_is_written_is_read_back(seed: int, stamp: float | None, number: int | None) -> None:
     chance = np.random.default_rng(seed)
@@ -70,7 +64,7 @@ def test_what_is_written_is_read_back(seed: int, stamp: float | None, number: in
 
 
 def test_polls_are_bounded_and_what_is_too_much_is_counted() -> None:
-    said = [plain(MOST_WAITING + 5)]
+    said = [[frame_at(0.0, np.random.default_rng(0))] * (MOST_WAITING + 5)]
     source = OwnSource(lambda now: said.pop() if said else None)
     taken = [len(source.poll(0.0))]
     assert taken == [MOST_PER_POLL]

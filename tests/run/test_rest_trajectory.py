@@ -12,13 +12,7 @@ from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
 from retarget.run.options import RunOptions
-from retarget.run.rest_trajectory import (
-    EndPlan,
-    RestTrajectory,
-    at_rest,
-    plan_end,
-    usual_rest_trajectory,
-)
+from retarget.run.rest_trajectory import EndPlan, RestTrajectory, at_rest, plan_end, usual_rest_trajectory
 from retarget.run.supervisor import End
 from retarget.safety.clearance import PathClearance
 from retarget.safety.gate import Gate
@@ -40,16 +34,11 @@ def resting(robot: RobotBody, **angles: float) -> RobotBody:
     return changed(robot, rest=robot.profile.postures.rest | angles)
 
 
-def gate_in(robot: RobotBody, scene: str | None) -> tuple[Gate, float]:
-    """A gate of a robot in a scene, and its tick, s."""
+def planned(robot: RobotBody, options: RunOptions = OPTIONS, scene: str | None = None) -> EndPlan:
     dt = 1.0 / robot.profile.safety.rate_hz
     obstacles = SceneObstacles(SceneState(on_floor(None if scene is None else load_scene(scene))))
     observers = robot_observers(robot).for_solver(robot.body, obstacles.shapes)
-    return Gate(robot.joint_map, dt=dt, clearance=PathClearance(robot, observers, obstacles, dt=dt)), dt
-
-
-def planned(robot: RobotBody, options: RunOptions = OPTIONS, scene: str | None = None) -> EndPlan:
-    gate, dt = gate_in(robot, scene)
+    gate = Gate(robot.joint_map, dt=dt, clearance=PathClearance(robot, observers, obstacles, dt=dt))
     stance = plant(robot, robot.profile.postures.stand)
     return plan_end(robot, stance, gate, replace(options, scene=scene), dt=dt)
 

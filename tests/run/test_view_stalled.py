@@ -2,14 +2,12 @@
 
 import os
 import signal
-from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
 import pytest
 
 from hardware.clock import VirtualClock
-from retarget.cli.buses import make_bus
 from retarget.cli.exit import StopRequest
 from retarget.cli.operator import RunOperator
 from retarget.cli.view import opened_page, viewing
@@ -19,6 +17,7 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.record import Record
 from retarget.web.feed import ViewFeed
+from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 
 pytest.importorskip("websockets", reason="the extra view is not installed")
@@ -32,17 +31,12 @@ HURT_AT = 40
 """The row after which something happens to the page: rows have been shown by then."""
 
 
-def run(*, port: int | None, hurt: Callable[[int], object] = lambda process: None) -> tuple[Record, int]:
-    """A second of the performer on virtual time, and how many moments the page did not take. hurt: what happens to the
+def run(*, port: int | None, hurt: signal.Signals | None = None) -> tuple[Record, int]:
+    """A second of the performer on virtual time, and how many moments the page did not take. hurt: a signal to the
     process of the page."""
     options, feeds = RunOptions(robot="op3", playback=Playback(end=1.0)), list[ViewFeed]()
     with (
-        prepare(
-            synthetic_performer,
-            options,
-            clock=VirtualClock(),
-            make_bus=lambda body, clock: make_bus(options.bus, body, clock),
-        ) as prepared,
+        prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=mock_bus) as prepared,
         opened_page(port, options, notify=lambda text: None) as feed,
         viewing(feed, prepared, options, notify=lambda text: None) as page,
     ):
@@ -52,7 +46,8 @@ def run(*, port: int | None, hurt: Callable[[int], object] = lambda process: Non
         def hurting(record: Record, row: int) -> None:
             if row == HURT_AT and feed is not None:
                 feeds.append(feed)
-                hurt(feed.process)
+                if hurt is not None:
+                    os.kill(feed.process, hurt)
 
         operator = RunOperator(prepared, StopRequest(), page=feed)
         record = prepared.run(operator, [RowObserver(hurting), page]).record
@@ -67,24 +62,10 @@ def alone() -> Record:
     return run(port=None)[0]
 
 
-def nothing(process: int) -> None:
-    """No faults."""
-
-
-def stopped(process: int) -> None:
-    os.kill(process, signal.SIGSTOP)
-
-
-def killed(process: int) -> None:
-    os.kill(process, signal.SIGKILL)
-
-
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("hurt", "least_dropped"), [pytest.param(nothing, 0, marks=pytest.mark.long), (stopped, 10), (killed, 100)]
-)
+@pytest.mark.parametrize(("hurt", "least_dropped"), [(None, 0), (signal.SIGSTOP, 10), (signal.SIGKILL, 100)])
 def test_goals_and_all_else_are_equal_bit_for_bit(
-    alone: Record, hurt: Callable[[int], object], least_dropped: int
+    alone: Record, hurt: signal.Signals | None, least_dropped: int
 ) -> None:
     record, dropped = run(port=0, hurt=hurt)
     assert dropped >= least_dropped, "the page was hurt"
