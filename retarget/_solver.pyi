@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
 Number = TypeVar("Number", float, Floats)
-Played: TypeAlias = tuple[Floats, Floats, NDArray[np.bool_], Floats, NDArray[np.int8], Floats]
+Playout: TypeAlias = tuple[Floats, Floats, NDArray[np.bool_], Floats, NDArray[np.int8], Floats]
 
 @final
 class Body:
@@ -63,8 +63,8 @@ class Body:
 
 @final
 class Probe:
-    """What is read of one posture tick by tick: places of points `local` (k, 3) m of `links`, orientations of the links
-    `oriented` (j of them), the centre of mass."""
+    """Quantities that are read from one posture in each tick: positions of points `local` (k, 3) m of `links`,
+    orientations of the j links `oriented`, and the centre of mass."""
 
     def __init__(self, body: Body, links: list[int], local: Floats, oriented: list[int]) -> None: ...
     def read(self, q: Floats) -> tuple[Floats, Floats, Floats]:
@@ -72,21 +72,22 @@ class Probe:
 
 @final
 class Footing:
-    """Soles with corners `local` (k, 3) m of `links`, whose places are `planted` (k, 3) m, world, and the edges (e, 3)
-    of their support polygon: nx x + ny y <= d inside, normals of length 1."""
+    """Soles with corners `local` (k, 3) m of `links`, planted at `planted` (k, 3) m, world, and the edges (e, 3) of
+    their support polygon: nx x + ny y <= d inside, normals of length 1."""
 
     def __init__(self, body: Body, links: list[int], local: Floats, planted: Floats, edges: Floats) -> None: ...
-    def losses(self, way: Floats) -> tuple[float, float]:
-        """Of postures (T, nq): most that a corner is off its place, and least that the centre of mass is inside; m."""
+    def losses(self, path: Floats) -> tuple[float, float]:
+        """Largest slip of a corner, and least distance of the centre of mass inside the edges, over postures (T, nq);
+        m."""
 
 @final
 class Task:
-    """One thing asked of a body. It owns a slice of the target vector: a leading weight (0 or NaN: absent this
-    frame), then its target.
+    """A task of a body. It owns a slice of the target vector: a leading weight (0 or NaN: absent this frame), then its
+    target.
 
-    `gain` is the share of the error corrected per iteration; `max_error` caps the error asked per iteration (m or
-    rad). Row weights multiply rows (so the objective holds their squares), and the leading weight too, except in a
-    last level with a posture, where the leading weight and the weights of a posture multiply squares directly.
+    `gain` is the share of the error corrected per iteration; `max_error` caps the correction per iteration (m or rad).
+    Row weights multiply rows (so the objective holds their squares), and the leading weight too, except in a last level
+    with a posture, where the leading weight and the weights of a posture multiply squares directly.
     """
 
     @staticmethod
@@ -99,8 +100,8 @@ class Task:
         gain: float = 1.0,
         max_error: float = 0.05,
     ) -> Task:
-        """A point of a link goes to a world position; with `base`, a link and a point of it, to a place that is so far
-        from there, in world directions. Target 3."""
+        """A point of a link goes to a world position; with `base`, a link and a point of it, to an offset from that
+        point, in world axes. Target 3."""
     @staticmethod
     def orientation(
         body: int,
@@ -129,12 +130,12 @@ class Task:
     @staticmethod
     def support(max_edges: int, *, without: list[int] = ..., max_error: float = 0.05) -> Task:
         """The centre of mass stays inside half-spaces: max_edges times (nx, ny, nz, d), nx x + ny y + nz z <= d, as
-        over the edges of a support polygon; unused ones are 0, 0, 0, 0. without: coordinates (of nv) that are not
-        asked to move it."""
+        over the edges of a support polygon; unused ones are 0, 0, 0, 0. without: coordinates (of nv) that do not take
+        part."""
     @staticmethod
     def lever(body: int, point: tuple[float, float, float], max_edges: int, *, max_error: float = 0.05) -> Task:
         """The centre of mass c and a point p of a link stay inside half-spaces of both: max_edges times (nx, ny, nz,
-        mx, my, mz, d), n . c + m . p <= d; unused ones are 0. What a joint at p carries, say."""
+        mx, my, mz, d), n . c + m . p <= d; unused ones are 0. They bound the load of a joint at p, for example."""
     @staticmethod
     def look_at(
         body: int,
@@ -163,8 +164,8 @@ class Task:
         against: Literal["all", "self", "scene"] = "all",
         speed: float = 0.5,
     ) -> Task:
-        """Observers within influence damp the approach of their part. `speed` (m/s): where all act, the approach
-        permitted where influence begins. No target beside the leading weight."""
+        """Observers within influence damp the approach of their part. `speed` (m/s): permitted approach at the
+        influence distance, if all act. No target beside the leading weight."""
     @staticmethod
     def posture(weight: Floats, *, gain: float = 1.0, max_error: float = 0.3) -> Task:
         """Every coordinate with a positive weight (nv,) goes to that of a posture. Target nq. `max_error` holds per
@@ -178,8 +179,8 @@ class Observers:
     wxyz of the shapes' frames on their links, influence and margin (n,) m. pairs (p, 2): observers that look at each
     other, pair_margin (p,) m: most that a pair keeps. k obstacles: obstacle_kinds (k,), obstacle_sizes (k, 3),
     obstacle_influence and obstacle_margin (k,) m. obstacle_pairs (m, 2): an observer and an obstacle that it looks at,
-    obstacle_pair_margin (m,) m: most that it keeps; without them every observer looks at every obstacle. Of two that
-    meet, the larger influence and the larger margin act.
+    obstacle_pair_margin (m,) m: most that it keeps; without them every observer looks at every obstacle. A pair has the
+    larger influence and the larger margin of its two sides.
     """
 
     def __init__(
@@ -205,11 +206,11 @@ class Observers:
 
 @final
 class PathChecker:
-    """Whether a path of postures keeps every pair of `observers` apart, between its rows too.
+    """Check that a path of postures keeps every pair of `observers` apart, between its rows too.
 
-    Rows of a path (k, n) are values of n hinges and slides, which stand at `columns (n,)` of a posture; between rows
-    they go straight. With soles (links, and points (s, 3) m of them) the root follows from the lower one, which stays
-    where it is; without, the root stays.
+    Rows of a path (k, n) are values of n hinges and slides, the entries `columns (n,)` of a posture, and straight lines
+    between rows. With soles (links, and points (s, 3) m of them) the lower one stays planted and the root follows from
+    it; without soles the root stays.
     """
 
     def __init__(
@@ -222,7 +223,7 @@ class PathChecker:
         sole_points: Floats,
     ) -> None: ...
     def set_obstacles(self, position: Floats, quat: Floats, linear: Floats, angular: Floats) -> None:
-        """Where the k obstacles are at the first row, and how they go on; see `Solver.set_obstacles`."""
+        """Set the poses of the k obstacles at the first row, and their velocities; see `Solver.set_obstacles`."""
     def restart(self) -> None:
         """Forget which pairs were too near."""
     def is_clear(
@@ -236,17 +237,17 @@ class PathChecker:
         remember: bool = True,
         looks: int = 100,
     ) -> bool:
-        """Whether every pair keeps a share of its margin on a path (k, n), dt s from row to row, of a robot that stands
+        """True if every pair keeps a share of its margin on a path (k, n), dt s from row to row, of a robot that stands
         as in `standing (nq,)`.
 
-        A pair that is too near at the first row may only move apart. instead (k, n): the path followed after a refusal;
-        one on which a moving obstacle is at no row nearer than it came by then on that one is clear of it. remember:
-        the first row is where the robot was sent, so that what is let out is measured from there. looks: most postures
-        that are looked at; what is not proven by then is not clear."""
+        A pair that is too near at the first row may only separate. instead (k, n): the path that is followed after a
+        refusal; a moving obstacle that is at no row nearer than it came so far on that path does not count. remember:
+        the first row is the commanded posture, from which the tolerance of pairs that are too near is measured. looks:
+        most postures that are computed; a path that is not proven by then is not clear."""
     @property
     def refused(self) -> tuple[int, int | None, int | None] | None:
-        """The pair for which a path was refused last since `restart`: numbers of an observer, and of another one or of
-        an obstacle; None: no path was refused."""
+        """The pair that last refused a path since `restart`: numbers of an observer, and of another one or of an
+        obstacle; None if no path was refused."""
 
 @final
 class Solver:
@@ -282,22 +283,22 @@ class Solver:
         """Start from posture q (nq,), moving at velocity (nv,) per second."""
     def correct(self, q: Floats, velocity: Floats) -> None:
         """Go on from posture q (nq,), near to the one that was reached, moving at velocity (nv,) per second. Unlike
-        after `reset`, what observers know of each other is kept."""
+        `reset`, this keeps the bounds of distances of observers."""
     def foresee(self, rest: Floats, seconds: float) -> None:
-        """Where the body would come to rest, and in how many seconds, if it were stopped now: in the next frame,
-        observers keep their margins there too. Else joints are taken to brake in proportion. rest (k, nq): one posture;
-        or more, through which locked coordinates go, all others being the same."""
+        """Plan the stop of the next frame: the posture in which the body would rest, and the seconds until then.
+        Observers keep their margins there too. Without a plan joints are taken to brake in proportion. rest (k, nq):
+        one posture, or more through which only locked coordinates go."""
     def frame(self, targets: Floats, dt: float, speed_override: float = 1.0) -> Floats:
         """One frame of dt seconds: targets (target_size,) -> posture (nq,).
 
         speed_override: (0, 1], scales the limits of velocity, and by its square those of acceleration; to brake, a
         joint may always use all of its acceleration."""
     def brake(self, dt: float, most: int, *, pendulum: float = 0.0) -> Floats:
-        """Postures (k, nq), dt seconds each and `most` of them, on the way to rest: coordinates and the centre of mass
-        go on by less and less of the velocity that they have, in proportion; points and frames that have a task stay.
-        The slowest coordinate brakes at its full deceleration. pendulum: s, sqrt(height of the centre of mass / g) of a
-        body that may tip over, whose mass brakes at MASS_BRAKING, or in that time; 0 of another. After the last row all
-        may stop at once, if fewer than `most` were needed."""
+        """Postures (k, nq) of a stop, dt seconds each and at most `most`. The velocities of coordinates and of the
+        centre of mass fall linearly to zero; points and frames that have a task stay. The slowest coordinate brakes at
+        its full deceleration. pendulum: s, sqrt(height of the centre of mass / g) of a body that may tip over, whose
+        mass brakes at MASS_BRAKING, or in that time; 0 for another. If k < most, the body may stop at once after the
+        last row."""
     def set_obstacles(
         self,
         position: Floats,
@@ -306,16 +307,16 @@ class Solver:
         angular: Floats | None = None,
         present: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Where the k obstacles are at the start of the next frame: position (k, 3) m and quat (k, 4) wxyz of their
-        shapes' frames, linear (k, 3) m/s and angular (k, 3) rad/s velocity, world. They go on at these velocities
-        from frame to frame. present (k,): the others are not there. Before the first call none is there."""
+        """Set the k obstacles at the start of the next frame: position (k, 3) m and quat (k, 4) wxyz of their shapes'
+        frames, linear (k, 3) m/s and angular (k, 3) rad/s velocity, world. They move on at these velocities from frame
+        to frame. present (k,): flags; before the first call no obstacle is present."""
     @property
     def observer_modes(self) -> NDArray[np.uint8]:
-        """What each observer (n,) did in the last frame: 0 free, 1 preventive, 2 reactive."""
+        """Mode of each observer (n,) in the last frame: 0 free, 1 preventive, 2 reactive."""
     @property
     def clearance(self) -> tuple[float, float]:
-        """Smallest distance (m) between observers, and of one to an obstacle, after the last frame; infinite where none
-        is within influence."""
+        """Smallest distance (m) between observers, and of one to an obstacle, after the last frame; infinite beyond
+        influence."""
     @property
     def q(self) -> Floats: ...
     @property
@@ -326,8 +327,8 @@ class Solver:
         """Error norm of each task at the posture reached, in order of levels; NaN where absent."""
     @property
     def capped(self) -> int:
-        """Linear solves that took too many steps and were ended: their answers keep the bounds, and the limits that
-        standing still keeps."""
+        """Number of linear solves that were ended after too many steps. Their solutions keep the bounds, and the limits
+        that standing still keeps."""
 
 def solve_hierarchy(
     rows: Floats,
@@ -349,10 +350,10 @@ def solve_hierarchy(
 
     still (n,): the z of no motion, from which damped steps are measured. damping: squared, for each unit of a level's
     error. soft_last: each row of the last level has a variable of its own, and is met beside ||z||^2. least_damping: of
-    a level, in units of its rows. rounds: how often a level begins anew from what it found, which drives its damping to
-    nothing. budget: most steps.
+    a level, in units of its rows. rounds: of a level, each from the solution before, which drive its damping to zero.
+    budget: most steps.
 
-    Returns z (n,), steps, and whether it was ended early."""
+    Returns z (n,), steps, and true if it was ended early."""
 
 MASS_BRAKING: float
 """Deceleration (m/s^2) with which the centre of mass of a body that stands on its soles can surely be stopped."""
@@ -360,28 +361,29 @@ MASS_BRAKING: float
 def braking_displacement(gap: float, change: float) -> float:
     """Largest displacement x of a tick for which x + (x - change) + ... down to zero covers no more than `gap`.
 
-    change: how much a displacement may change from tick to tick. Beyond the end (gap < 0) the gap itself.
+    change: most change of a displacement from tick to tick. Beyond the end (gap < 0) the gap itself.
     """
 
 @final
 class Braking:
-    """Joints that brake in proportion, within limits (n,): what may be asked of them in a tick of dt seconds, and how
-    they come to rest together. position, displacement, goal (n,): where they are, their last step, where to."""
+    """Joints that brake in proportion, within limits (n,): their possible displacements in a tick of dt seconds, and
+    the path on which they come to rest together. position, goal (n,): present and next; displacement (n,): the last
+    one."""
 
     def __init__(
         self, lower: Floats, upper: Floats, max_velocity: Floats, max_acceleration: Floats, *, dt: float
     ) -> None: ...
     def bounds(self, position: Floats, displacement: Floats) -> tuple[Floats, Floats]:
-        """Least and largest displacements (n,) that leave a way to brake; to go on braking is always among them."""
+        """Least and largest displacements (n,) from which joints can brake; to go on braking is always among them."""
     def ticks(self, displacement: Floats) -> float:
         """Ticks of braking until all joints rest, 1 at least: as many as the slowest needs at its full deceleration."""
-    def admitted(self, position: Floats, displacement: Floats, goal: Floats, *, tolerance: float) -> Floats | None:
-        """Displacement (n,) to a goal that misses no bound by more than `tolerance`, laid within them; else None."""
+    def accepted(self, position: Floats, displacement: Floats, goal: Floats, *, tolerance: float) -> Floats | None:
+        """Displacement (n,) to a goal that misses no bound by more than `tolerance`, clipped to them; else None."""
     def stop(self, position: Floats, displacement: Floats) -> Floats:
-        """Postures (k, n) tick by tick to rest, of joints that got to `position` by `displacement`: they brake in as
-        many ticks as the slowest needs, and one that would leave its range so brakes earlier."""
+        """Postures (k, n) tick by tick to rest, of joints that got to `position` by `displacement`. They brake in as
+        many ticks as the slowest needs; a joint that would leave its range brakes earlier."""
     def keeps(self, position: Floats, displacement: Floats, path: Floats, *, tolerance: float) -> bool:
-        """Whether joints that got to `position` by `displacement` keep every limit on `path` (k, n), tick by tick, to
+        """True if joints that got to `position` by `displacement` keep every limit on `path` (k, n), tick by tick, to
         within `tolerance`, and may stop at its end at once."""
 
 @final
@@ -417,7 +419,7 @@ class TrajectoryGenerator:
         """rad/s^2 (n,): the last change of velocity over dt."""
     @property
     def at_rest(self) -> bool:
-        """Whether the joints stand exactly at the target, and stay there."""
+        """True if the joints stand exactly at the target, and stay there."""
 
 @final
 class PoseFilter:
@@ -443,10 +445,10 @@ class PoseFilter:
 class PoseRing:
     """The newest `depth` poses of each of `count` sensors, in the order of their times; see `retarget.live.playout`.
 
-    extrapolation: s, how long a sensor moves on with its last velocity. Results for k sensors: position (k, 3) m and
-    orientation (k, 4) wxyz, on the side of the last result, NaN where none was sent; valid (k,); age (k,) s since the
-    newest pose, infinite where there is none; how (k,): 0 nothing, 1 interpolated, 2 as it was sent, 3 extrapolated,
-    4 held; time (k,) s of the result, NaN where there is none.
+    extrapolation: time for which a sensor moves on with its last velocity, s. Results for k sensors: position (k, 3) m
+    and orientation (k, 4) wxyz, in the hemisphere of the last result, NaN if none was sent; valid (k,); age (k,) s
+    since the newest pose, infinite without one; method (k,): 0 nothing, 1 interpolated, 2 as it was sent, 3
+    extrapolated, 4 held; time (k,) s of the result, NaN without one.
     """
 
     def __init__(self, count: int, *, depth: int, extrapolation: float) -> None: ...
@@ -456,21 +458,21 @@ class PoseRing:
         """Take poses of m different sensors rows (m,) at one time, s: position (m, 3), orientation (m, 4) of any norm
         and sign, a part NaN where it was not sent; valid (m,): False where the sensor is lost.
 
-        Returns the newest time of those sensors before, minus infinity where there was none, None where no pose is
-        one; and how many were not kept, as repeated and as older than all that is kept.
+        Returns the newest time of those sensors before (minus infinity if there was none, None if no pose is valid),
+        and the numbers of poses that were not stored, as repeated and as too old.
         """
-    def latest(self, now: float) -> Played:
+    def latest(self, now: float) -> Playout:
         """The newest pose of every sensor."""
-    def read(self, at: float, now: float) -> Played:
+    def read(self, at: float, now: float) -> Playout:
         """Every sensor at a time `at`, s, not after `now`: between its poses, or a little beyond the newest."""
     def clear(self) -> None:
         """Forget every pose."""
 
 @final
 class SensorPlan:
-    """How m sensors are read out of frames of `count` poses: points (m,) and segments (m,) are the columns of position
-    and orientation, -1 where there is none; turn (m, 4) wxyz is what an orientation is multiplied by; offset (m, 3) m
-    from the joint to the position that is sent, in the axes of that pose."""
+    """Map from frames of `count` poses to m sensors: points (m,) and segments (m,) are the columns of position and
+    orientation, -1 for none; turn (m, 4) wxyz is a factor of the orientation; offset (m, 3) m goes from the joint to
+    the position that is sent, in the axes of that pose."""
 
     def __init__(
         self,
@@ -483,7 +485,7 @@ class SensorPlan:
     def read(
         self, position: Floats, orientation: Floats, tracked: NDArray[np.bool_]
     ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-        """Of a frame (count, ...): position (m, 3), orientation (m, 4), NaN where there is none, and tracked (m,)."""
+        """Position (m, 3), orientation (m, 4), NaN if there is none, and tracked (m,) from a frame (count, ...)."""
 
 @final
 class PoseParts:
@@ -492,12 +494,12 @@ class PoseParts:
 
     def __init__(self, count: int) -> None: ...
     def complete(self, rows: NDArray[np.int64], time: float, position: Floats, orientation: Floats) -> None:
-        """Fill in, in place, what position (m, 3) and orientation (m, 4) of sensors rows (m,) do not have (NaN) with
-        what was sent at most 0.1 s before `time`."""
+        """Replace, in place, missing parts (NaN) of position (m, 3) and orientation (m, 4) of sensors rows (m,) by
+        those that were sent at most 0.1 s before `time`."""
 
 @final
 class Validity:
-    """Which poses of k sensors may be used, and the state of each sensor; see `retarget.human.pose_validation`.
+    """Validity of the poses of k sensors, and the state of each sensor; see `retarget.human.pose_validation`.
 
     others (k,): the sensor of the other side of each, -1 where it has none. limits: a `ValidityLimits`, of which the
     fields about poses, speed, age and value are read by their names.
@@ -517,8 +519,8 @@ class Validity:
     def judge(self, now: float) -> NDArray[np.uint8]:
         """A `ValidityState` of each sensor at `now`, s."""
     def history(self, row: int) -> tuple[float, float, bool]:
-        """Of one sensor: s of its last accepted pose; how long it has repeated its value, s; whether it was accepted at
-        a new place after its last jump."""
+        """Time of the last accepted pose of a sensor, s; time for which it has repeated its value, s; true if it was
+        accepted at a new place after its last jump."""
 
 def shape_distances(
     kinds_a: NDArray[np.int64],
@@ -548,7 +550,7 @@ def shape_gaps_at_least(
     pos_b: Floats,
     quat_b: Floats,
 ) -> Floats:
-    """A bound (N,) in m that the signed distance is never below, at a fraction of its cost. Arguments are the same."""
+    """A lower bound (N,) of the signed distance, m, at a fraction of its cost. Arguments are the same."""
 
 # Arithmetic with the same bits on every machine; see `retarget.arithmetic`.
 

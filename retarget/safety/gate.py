@@ -148,7 +148,7 @@ class Gate:
                 return None
         free = compensated is not None and compensated.free
         start, end = (last.posture, target) if free else (last.joints, goal)
-        displacement = self._braking.admitted(start, last.displacement, end, tolerance=ROUND_OFF)
+        displacement = self._braking.accepted(start, last.displacement, end, tolerance=ROUND_OFF)
         rows = None if displacement is None else self._stop(last, target, stop)
         if displacement is None or rows is None:
             return None

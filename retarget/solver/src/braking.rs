@@ -142,7 +142,7 @@ impl Braking {
     }
 
     /// Displacement of joint i to a goal that misses its bounds by no more than `tolerance`.
-    pub fn admitted(&self, i: usize, position: f64, displacement: f64, goal: f64, tolerance: f64) -> Option<f64> {
+    pub fn accepted(&self, i: usize, position: f64, displacement: f64, goal: f64, tolerance: f64) -> Option<f64> {
         let (lo, hi) = self.bounds(i, position, displacement);
         let requested = goal - position;
         (lo - requested <= tolerance && requested - hi <= tolerance).then(|| requested.max(lo).min(hi))
@@ -167,7 +167,7 @@ impl Braking {
         let (mut at, mut moved) = (position.to_vec(), displacement.to_vec());
         for row in path.chunks_exact(self.joints()) {
             for i in 0..row.len() {
-                match self.admitted(i, at[i], moved[i], row[i], tolerance) {
+                match self.accepted(i, at[i], moved[i], row[i], tolerance) {
                     Some(displacement) => moved[i] = displacement,
                     None => return false,
                 }

@@ -73,7 +73,7 @@ impl PyBraking {
     }
 
     #[pyo3(signature = (position, displacement, goal, *, tolerance))]
-    fn admitted<'py>(
+    fn accepted<'py>(
         &self,
         py: Python<'py>,
         position: Numbers<'py>,
@@ -86,9 +86,9 @@ impl PyBraking {
         if goal.len() != self.braking.joints() || !goal.iter().all(|v| v.is_finite()) {
             return Ok(None);
         }
-        let one = |i: usize| self.braking.admitted(i, position[i], displacement[i], goal[i], tolerance);
-        let admitted: Option<Vec<f64>> = (0..goal.len()).map(one).collect();
-        Ok(admitted.map(|all| PyArray1::from_vec(py, all)))
+        let one = |i: usize| self.braking.accepted(i, position[i], displacement[i], goal[i], tolerance);
+        let accepted: Option<Vec<f64>> = (0..goal.len()).map(one).collect();
+        Ok(accepted.map(|all| PyArray1::from_vec(py, all)))
     }
 
     fn stop<'py>(&self, py: Python<'py>, position: Numbers<'py>, displacement: Numbers<'py>) -> PyResult<Matrix<'py>> {
