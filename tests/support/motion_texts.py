@@ -242,8 +242,7 @@ def c3d_bytes(
         for row, (name, place) in enumerate(markers.items()):
             x, y, z = moved.get((frame, name), place)
             points[row] = (y, z, x, 0.0) if y_up else (x, y, z, 0.0)
-            if (frame, name) in gone:
-                points[row] = (0.0, 0.0, 0.0, -1.0)
+            points[row, 3] = -1.0 if (frame, name) in gone else 0.0  # the residual alone says so
         whole = np.round(points / np.array([steps or 1.0] * 3 + [1.0]))
         data += whole.astype(f"{order}i2").tobytes() if steps else c3d_floats(points, processor)
         data += bytes((2 if steps else 4) * analog)
