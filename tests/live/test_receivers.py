@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from live_rig import CLOCK, LOOPBACK, PATIENCE_S, arrived, sending
+from hardware.clock import MonotonicClock
 from messages import Facts, refuses
 from mvn_packets import mvn
 from natnet_packets import Motion, datagram, frame, server_info
@@ -41,6 +41,29 @@ from retarget.live.stream_report import advice_for
 from retarget.sources.streams.datagram_kinds import Recognised, recognise
 from retarget.sources.streams.natnet_wire import MessageId, Version, split
 from retarget.sources.streams.raw_record import RawReader, RawWriter
+
+# Real datagrams over loopback: nothing sleeps, every wait is a bounded `select`.
+
+LOOPBACK = StreamAddress("vmc://", "vmc")
+"""Loopback, at any free port."""
+PATIENCE_S = 5.0
+CLOCK = MonotonicClock()
+
+
+@contextmanager
+def sending(to: UdpReceiver) -> Iterator[socket.socket]:
+    """A socket that is connected to a receiver on loopback."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.connect(("127.0.0.1", to.bound[1]))
+        yield sender
+
+
+def arrived(receiver: UdpReceiver) -> list[Datagram]:
+    """One poll, once there is something to fetch."""
+    ready, _, _ = select.select([receiver], [], [], PATIENCE_S)
+    assert ready, "nothing arrived over loopback"
+    return receiver.poll(CLOCK.now())
+
 
 GROUP = "239.255.42.99"
 UNICAST = parse_address("natnet://127.0.0.1")

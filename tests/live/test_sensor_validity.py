@@ -1,5 +1,6 @@
 """Sensor validity: limits, jumps, the checks of single poses, the states of sensors in a walk, and messages."""
 
+from dataclasses import dataclass, field
 from math import hypot
 from pathlib import Path
 from typing import Any
@@ -9,15 +10,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from live_rig import NAMES, judge, recorded, walk
 from messages import refuses
 from retarget._solver import Validity
-from retarget.human.pose_validation import LIMITS, ValidityLimits, ValidityState
-from retarget.live.sensor_validity import OUT_OF_RANGE, UNREACHABLE, UNTRACKED, SensorValidity
+from retarget.frames import SensorFrames, SensorSample
+from retarget.human.pose_validation import LIMITS, StateArray, ValidityLimits, ValidityState
+from retarget.live.sensor_validity import (
+    OUT_OF_RANGE,
+    UNREACHABLE,
+    UNTRACKED,
+    Engagement,
+    SensorDebounce,
+    SensorValidity,
+)
+from retarget.rotations import from_rotation_vector, multiply
 from retarget.sources.open import open_source
 from retarget.sources.streams.raw_record import RawReader
 from retarget.sources.streams.vmc import VmcDecoder
-from retarget.types import FloatArray, News
+from retarget.types import BoolArray, FloatArray, News
 
 PLACES = np.array([[0.0, 0.3, 1.0], [0.0, -0.3, 1.0], [0.0, 0.0, 1.0]])
 THREE = ("l_wrist", "r_wrist", "pelvis")
@@ -38,6 +47,82 @@ class Line:
 
     def states(self, time: float) -> list[int]:
         return [int(state) for state in self.validity.judge(time)]
+
+
+# A walk: sensors that swing, with the noise of real ones, and their judgement.
+
+NAMES = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle", "pelvis")
+HOME = np.array([[0, 0, 1.6], [0, 0.3, 0.9], [0, -0.3, 0.9], [0, 0.12, 0.1], [0, -0.12, 0.1], [0, 0, 1.0]])
+SWING = np.array([0.02, 0.25, -0.25, -0.3, 0.3, 0.03])
+LAG = 0.005
+"""s from capture to judgement."""
+
+
+@dataclass
+class Stream:
+    """What a sender sent; tests change it."""
+
+    time: FloatArray
+    position: FloatArray
+    orientation: FloatArray
+    tracked: BoolArray
+    names: tuple[str, ...] = NAMES
+
+
+@dataclass
+class Judged:
+    """The judgement of a stream: states and usable (T, k), messages with the row at which they came."""
+
+    validity: SensorValidity
+    states: StateArray
+    usable: BoolArray
+    messages: list[tuple[int, str]] = field(default_factory=list)
+
+    def alarms(self) -> set[ValidityState]:
+        return {ValidityState(state) for state in np.unique(self.states)} - {ValidityState.FRESH}
+
+
+def noisy(
+    position: FloatArray, orientation: FloatArray, *, seed: int = 0, metres: float = 0.002
+) -> tuple[FloatArray, FloatArray]:
+    """The track with the noise of an optical or a consumer system: `metres`, and 0.1 degree."""
+    random = np.random.default_rng(seed)
+    turn = from_rotation_vector(random.normal(0.0, np.radians(0.1), position.shape))
+    return position + random.normal(0.0, metres, position.shape), multiply(orientation, turn)
+
+
+def walk(seconds: float = 2.0, rate: float = 100.0, *, swing: float = 1.0, noise: bool = True) -> Stream:
+    """A walk of one step a second; `swing` 0: standing."""
+    time = 5.0 + np.arange(0.0, seconds, 1.0 / rate)
+    phase = swing * np.sin(2.0 * np.pi * time)[:, None] * SWING
+    position = HOME + np.stack([phase, np.zeros_like(phase), 0.2 * np.abs(phase)], axis=-1)
+    orientation = from_rotation_vector(np.stack([np.zeros_like(phase), -2.0 * phase, np.zeros_like(phase)], axis=-1))
+    if noise:
+        position, orientation = noisy(position, orientation)
+    return Stream(time, position, orientation, np.ones(phase.shape, dtype=bool))
+
+
+def recorded(frames: SensorFrames, rate: float, *, metres: float) -> Stream:
+    """A recording as from a sender of `rate` Hz, with noise and with stamps that are off by up to 2 ms."""
+    frames = frames.resample(np.arange(0.0, frames.duration_s, 1.0 / rate))
+    position, orientation = noisy(frames.position, frames.orientation, metres=metres)
+    late = np.random.default_rng(1).uniform(0.0, 0.002, len(frames))
+    return Stream(5.0 + frames.time + late, position, orientation, frames.valid.copy(), frames.names)
+
+
+def judge(stream: Stream, validity: SensorValidity | None = None) -> Judged:
+    validity = validity or SensorValidity(stream.names)
+    rows = np.arange(len(stream.names))
+    judged = Judged(
+        validity, np.zeros(stream.tracked.shape, dtype=np.uint8), np.zeros(stream.tracked.shape, dtype=bool)
+    )
+    for i, time in enumerate(stream.time.tolist()):
+        judged.usable[i] = validity.take(
+            rows, time, position=stream.position[i], orientation=stream.orientation[i], tracked=stream.tracked[i]
+        )
+        judged.states[i] = validity.judge(time + LAG)
+        judged.messages += [(i, text) for text in validity.messages()]
+    return judged
 
 
 JUMPED, FRESH = ValidityState.JUMPED, ValidityState.FRESH
@@ -315,3 +400,50 @@ def test_a_sensor_that_drops_out_again_and_again_is_news_of_one_kind() -> None:
         said += validity.messages()
     lost = [text for text in said if "back" not in text]
     assert len(lost) == 10 and len({text.kind for text in said}) == 2 and said[1] == "head: back"
+
+
+# Following and holding: only good data end a hold, and only a sensor that is valid for long enough is used.
+
+DT = 0.01  # [s]
+
+
+def two(x: float, *, valid: tuple[bool, bool] = (True, True)) -> SensorSample:
+    position = np.array([[x, 0.0, 1.6], [x, 0.3, 1.0]])
+    return SensorSample(("head", "l_wrist"), position, np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), np.array(valid))
+
+
+def test_it_begins_with_good_data_for_long_enough() -> None:
+    engagement = Engagement(two(0.0))
+    for tick in range(100):
+        given = two(0.2)
+        shown = engagement.step(DT * tick, given, good=True)
+        assert (shown is None) == (DT * tick < LIMITS.healthy - 1e-9)
+        assert shown is None or shown is given is engagement.shown
+
+
+@pytest.mark.parametrize("clutch", [True, False])
+def test_what_was_followed_last_is_kept_while_it_holds(clutch: bool) -> None:
+    """The performer walks while the clutch is out, or data are bad."""
+    engagement = Engagement(two(0.0), following=True)
+    for tick in range(900):
+        good = not 300 <= tick < 500
+        engagement.engaged = good or not clutch
+        place = 0.0 if tick < 300 else 1.0
+        shown = engagement.step(DT * tick, two(place), good=good or clutch)
+        follows = tick < 300 or DT * (tick - 500) >= LIMITS.healthy - 1e-9
+        assert (shown is not None) == follows == engagement.following
+        assert float(engagement.shown.position[0, 0]) == (place if follows else 0.0)
+
+
+def used(states: list[ValidityState], *, first: ValidityState = ValidityState.FRESH) -> list[bool]:
+    debounce = SensorDebounce(np.array([first], dtype=np.uint8))
+    return [bool(debounce.step(np.array([state], dtype=np.uint8), DT * tick)[0]) for tick, state in enumerate(states)]
+
+
+def test_a_sensor_that_is_lost_is_used_again_when_it_is_valid_for_long_enough() -> None:
+    fresh, lost = ValidityState.FRESH, ValidityState.STALE
+    assert used([fresh, fresh]) == [True, True], "what is valid at the start is used at once"
+    assert used([fresh], first=lost) == [False]
+    found = used([fresh] * 10 + [lost] + [fresh] * 30 + [lost] + [fresh] * 60)
+    healthy = round(LIMITS.healthy / DT)
+    assert found == [True] * 10 + [False] * 32 + [False] * healthy + [True] * (60 - healthy)
