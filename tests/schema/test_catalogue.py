@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -9,6 +10,7 @@ from unittest.mock import Mock
 import pytest
 
 from messages import Facts, refuses
+from planted import failing
 from retarget.errors import ConfigError, UsageError
 from retarget.schema.catalogue import Kind, entries, find
 from retarget.schema.files import check_folder, check_place, refuse_existing, write_atomic, write_folder, write_stream
@@ -31,22 +33,19 @@ def put(folder: Path, kind: Kind, name: str) -> Path:
     return path
 
 
-def test_the_users_own_are_found_and_hide_the_shipped(own: Path) -> None:
-    mine = put(own, Kind.ROBOT, "mine")
-    op3 = put(own, Kind.ROBOT, "op3")
-    assert find(Kind.ROBOT, "mine") == mine
-    assert find(Kind.ROBOT, "op3") == op3
+def test_the_users_own_are_found_by_name_and_path_and_hide_the_shipped(own: Path, tmp_path: Path) -> None:
+    for name in ("mine", "op3"):
+        mine = put(own, Kind.ROBOT, name)
+        assert find(Kind.ROBOT, name) == mine
     shipped = {entry.name: entry.shipped for entry in entries(Kind.ROBOT)}
     assert (shipped.pop("mine"), shipped.pop("op3")) == (False, False)
     assert shipped and all(shipped.values())
-
-
-def test_paths(own: Path, tmp_path: Path) -> None:
     path = put(tmp_path / "elsewhere", Kind.ROBOT, "r")
-    assert find(Kind.ROBOT, path) == path
-    assert find(Kind.ROBOT, str(path.parent)) == path.parent / "robot.yaml"
+    assert find(Kind.ROBOT, path) == find(Kind.ROBOT, str(path.parent)) == path
     file = put(tmp_path / "elsewhere", Kind.PRIORITIES, "p")
     assert find(Kind.PRIORITIES, str(file)) == file
+    with refuses(UsageError):
+        find(Kind.ROBOT, tmp_path)  # a folder without a robot
 
 
 @pytest.mark.parametrize(
@@ -73,11 +72,6 @@ def test_unknown_names_and_paths_are_refused(own: Path, kind: Kind, name: str, p
     assert len(str(caught.value)) < 1500
 
 
-def test_a_folder_without_a_robot_is_refused(own: Path, tmp_path: Path) -> None:
-    with refuses(UsageError):
-        find(Kind.ROBOT, tmp_path)
-
-
 # Files appear whole or not at all, and nothing is written over unasked.
 
 
@@ -90,20 +84,17 @@ def test_a_file_where_a_folder_is_meant(tmp_path: Path) -> None:
         check_place(tmp_path, option="--report")
 
 
+def test_a_link_that_leads_nowhere_is_something(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    with refuses(UsageError, "--overwrite"):
+        refuse_existing(tmp_path / "link", option="--record")
+    refuse_existing(tmp_path / "free", option="--record")
+
+
 def test_a_file_is_on_the_disk_before_it_appears(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    done, path = list[str](), tmp_path / "r.json"
-    synced, renamed = os.fsync, Path.replace
-
-    def sync(descriptor: int) -> None:
-        done.append("synced")
-        synced(descriptor)
-
-    def rename(own: Path, place: Path) -> Path:
-        done.append("renamed")
-        return renamed(own, place)
-
-    monkeypatch.setattr(os, "fsync", sync)
-    monkeypatch.setattr(Path, "replace", rename)
+    done, path, synced, renamed = list[str](), tmp_path / "r.json", os.fsync, Path.replace
+    monkeypatch.setattr(os, "fsync", lambda descriptor: (done.append("synced"), synced(descriptor)))
+    monkeypatch.setattr(Path, "replace", lambda own, place: (done.append("renamed"), renamed(own, place)))
     usual = os.umask(0o027)
     try:
         write_atomic(path, b"new", option="--report")
@@ -130,24 +121,23 @@ def test_what_cannot_be_written_leaves_the_file_before(tmp_path: Path, monkeypat
 def test_an_interrupt_leaves_the_old_folder_or_the_new(
     step: int, after: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path, steps = tmp_path / "set", [0]
-    real: dict[str, Callable[..., object]] = {"replace": Path.replace, "fsync": os.fsync}
+    path, steps = tmp_path / "set", count(1)
     write_folder(path, {"meta/a": b"old", "b": b"old"}, option="--out")
 
-    def interrupted(name: str) -> Callable[..., object]:
+    def interrupted(real: Callable[..., object]) -> Callable[..., object]:
         def called(*arguments: Any) -> object:
-            steps[0] += 1
-            if steps[0] == step and not after:
+            now = next(steps) == step
+            if now and not after:
                 raise KeyboardInterrupt
-            result = real[name](*arguments)
-            if steps[0] == step:
+            result = real(*arguments)
+            if now:
                 raise KeyboardInterrupt
             return result
 
         return called
 
-    monkeypatch.setattr(os, "fsync", interrupted("fsync"))
-    monkeypatch.setattr(Path, "replace", interrupted("replace"))
+    monkeypatch.setattr(os, "fsync", interrupted(os.fsync))
+    monkeypatch.setattr(Path, "replace", interrupted(Path.replace))
     with pytest.raises(KeyboardInterrupt):
         write_folder(path, {"c": b"new"}, option="--out")
     kept = {file.relative_to(tmp_path).as_posix(): file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
@@ -157,33 +147,15 @@ def test_an_interrupt_leaves_the_old_folder_or_the_new(
 
 
 def test_a_folder_that_cannot_be_put_back_is_kept_beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, replace, calls = tmp_path / "set", Path.replace, [0]
+    path = tmp_path / "set"
     write_folder(path, {"a": b"old"}, option="--out")
-
-    def once(own: Path, place: Path) -> Path:
-        calls[0] += 1
-        if calls[0] > 1:
-            raise OSError(5, "Input/output error")
-        return replace(own, place)
-
-    monkeypatch.setattr(Path, "replace", once)
+    monkeypatch.setattr(Path, "replace", failing(Path.replace, OSError(5, "Input/output error"), range(2, 9)))
     with refuses(UsageError, "--out"):
         write_folder(path, {"a": b"new"}, option="--out")
     assert [file.read_bytes() for file in tmp_path.rglob("old/a")] == [b"old"]
 
 
-def test_a_link_that_leads_nowhere_is_something(tmp_path: Path) -> None:
-    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
-    with refuses(UsageError, "--overwrite"):
-        refuse_existing(tmp_path / "link", option="--record")
-    refuse_existing(tmp_path / "free", option="--record")
-
-
-LOADERS = {
-    Kind.PRIORITIES: load_priorities,
-    Kind.PERFORMER: load_performer,
-    Kind.SCENE: load_scene,
-}
+LOADERS = {Kind.PRIORITIES: load_priorities, Kind.PERFORMER: load_performer, Kind.SCENE: load_scene}
 
 
 @pytest.mark.parametrize(
@@ -198,7 +170,6 @@ def test_a_file_of_another_kind_is_one_problem(given: Kind, wanted: Kind) -> Non
 def test_a_file_with_a_key_of_its_own_kind_has_its_problems_named(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("name: mine\ndescription: mine\npartial: true\nobstacles: {}\n", encoding="utf-8")
-    with refuses(ConfigError, where="sensors"):
-        load_performer(path)
-    with refuses(ConfigError, where="obstacles"):
-        load_performer(path)
+    for where in ("sensors", "obstacles"):
+        with refuses(ConfigError, where=where):
+            load_performer(path)

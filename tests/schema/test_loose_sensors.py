@@ -19,7 +19,7 @@ from retarget.human.performer_calibration import read_person
 from retarget.human.rest_pose import MAX_LOOSE_M, fit_rest_pose
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.performer import LivePerformer
-from retarget.live.roles import CONVENTIONS, roles_of
+from retarget.live.roles import CONVENTIONS, Roles, roles_of
 from retarget.model.human_dimensions import HumanDimensions, stature_of
 from retarget.schema.performer import HELD, Performer, PerformerSensor
 from retarget.types import FloatArray
@@ -48,25 +48,23 @@ def beside(chance: np.random.Generator) -> dict[str, FloatArray]:
     return found
 
 
-def errors(names: tuple[str, ...], scale: float) -> FloatArray:
+def errors(names: tuple[str, ...]) -> FloatArray:
     """Mean error, m, over 8 people: of points taken for joints, before and after; of lengths, before and after."""
     chance, rows = np.random.default_rng(1), []
     for _ in range(8):
         person = random_person(chance)
-        off = {name: scale * by for name, by in beside(chance).items()}
+        off = beside(chance)
         points = at_rest(person, ARMS)
         position = np.array([points[name] + off.get(name, chance.normal(0.0, 0.008, 3)) for name in names])
         plain, loose = fit_rest_pose(names, position), fit_rest_pose(names, position, loose=HELD)
         found = dict(zip(names, loose.offset, strict=True))
         assert not plain.offset.any() and np.linalg.norm(loose.offset, axis=1).max() <= MAX_LOOSE_M + 1e-9
+        lengths = [[one.dimensions.length(name) - person.length(name) for name in LENGTHS] for one in (plain, loose)]
         rows.append(
             [
                 np.mean([np.linalg.norm(off[name]) for name in HELD]),
                 np.mean([np.linalg.norm(off[name] - found[name]) for name in HELD]),
-                *(
-                    np.mean([abs(one.dimensions.length(name) - person.length(name)) for name in LENGTHS])
-                    for one in (plain, loose)
-                ),
+                *np.abs(lengths).mean(axis=1),
             ]
         )
     return np.asarray(np.mean(rows, axis=0))
@@ -75,27 +73,23 @@ def errors(names: tuple[str, ...], scale: float) -> FloatArray:
 @pytest.mark.long
 @pytest.mark.parametrize(("names", "share"), [(FIVE, 0.75), (TEN, 0.45)])
 def test_what_is_beside_its_joint_is_found(names: tuple[str, ...], share: float) -> None:
-    before, after, plain, loose = errors(names, 1.0)
+    before, after, plain, loose = errors(names)
     assert before > 0.08 and after < share * before
     assert loose < 0.6 * plain
 
 
-def slime(name: str) -> Performer:
-    return Performer(name="one", description="One.", sensors={name: PerformerSensor(joint=name, beside=True)})
-
-
 def test_only_what_the_performer_s_file_says_is_loose_and_turns_by_itself() -> None:
+    def slime(name: str, convention: str) -> Roles:
+        sensors = {name: PerformerSensor(joint=name, beside=True)}
+        return roles_of(Performer(name="one", description="One.", sensors=sensors), convention, where="one")
+
     assert not any(place.loose for places in CONVENTIONS.values() for place in places.values())
-    assert roles_of(slime("head"), "slimevr", where="one").loose == ("head",)
+    assert slime("head", "slimevr").loose == ("head",)
     with refuses(UsageError, "head"):
-        roles_of(slime("head"), "slimevr_vrchat", where="one")
-
-
-def test_what_is_known_further_is_added_in_the_axes_of_the_pose() -> None:
+        slime("head", "slimevr_vrchat")
     # Canonical axes are those of a hanging arm; SlimeVR's hand is the identity there, Unity's in the T-pose.
     for convention, offset in (("slimevr", [0.13, 0.0, -0.05]), ("unity_bones", [0.0, 0.05, 0.0])):
-        roles = roles_of(slime("l_wrist"), convention, where="one")
-        shifted = roles.shifted(np.array([[0.0, 0.0, -0.05]]))
+        shifted = slime("l_wrist", convention).shifted(np.array([[0.0, 0.0, -0.05]]))
         np.testing.assert_allclose(shifted.places[0].offset, offset, atol=1e-12)
         assert shifted.convention == convention and shifted.loose == ("l_wrist",)
 
@@ -126,17 +120,14 @@ class Controllers(FakeSender):
         return json.dumps({"axes": "rep103", "quaternion": "wxyz", "time": self.stamp(time), "poses": poses}).encode()
 
 
-def wearing() -> Performer:
-    sensors = {name: PerformerSensor(joint=name, role=f"my {name}", beside=name in HELD) for name in TEN}
-    return Performer(name="mine", description="Controllers.", sensors=sensors)
-
-
 def followed(sender: Controllers, *, until: float) -> tuple[dict[str, FloatArray], list[str]]:
-    """Where sensors are taken to be at a time of the sender, from the pelvis, in our world; and what was said."""
-    said: list[str] = []
-    clock, stream = VirtualClock(), live_stream(sender, wearing())
+    """Where sensors are taken to be at a time of the sender, from the pelvis, in our world; and what was logged."""
+    logged: list[str] = []
+    sensors = {name: PerformerSensor(joint=name, role=f"my {name}", beside=name in HELD) for name in TEN}
+    worn = Performer(name="mine", description="Controllers.", sensors=sensors)
+    clock, stream = VirtualClock(), live_stream(sender, worn)
     options = LiveOptions(countdown=0.2, person="anna")
-    performance = begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, notify=said.append)
+    performance = begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, notify=logged.append)
     live = performance.samples
     assert isinstance(live, LivePerformer)
     sample = live.sample(0)
@@ -145,13 +136,13 @@ def followed(sender: Controllers, *, until: float) -> tuple[dict[str, FloatArray
     while clock.now() < until:
         clock.advance(0.01)
         stream.poll(clock.now(), moving=False)
-        heard = stream.read(clock.now())
+        frames = stream.read(clock.now())
     if until:
-        at = live.alignment.positions(heard.position)
+        at = live.alignment.positions(frames.position)
     else:
         assert sample is not None
         at = sample.position
-    return dict(zip(TEN, at - at[TEN.index("pelvis")], strict=True)), said
+    return dict(zip(TEN, at - at[TEN.index("pelvis")], strict=True)), logged
 
 
 def worst(sender: Controllers, at: dict[str, FloatArray], time: float) -> float:
@@ -165,12 +156,12 @@ def test_live_a_controller_is_taken_off_in_any_pose_and_kept_in_the_file(
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     sender = Controllers(raised_s=3.0)
     off = max(float(np.linalg.norm(by)) for by in sender.off.values())
-    at, said = followed(sender, until=5.0)
+    at, logged = followed(sender, until=5.0)
     assert worst(sender, at, 5.0) < 0.55 * off
-    assert any(text.startswith("beside their joints: ") for text in said)
+    assert any(text.startswith("beside their joints: ") for text in logged)
     kept = read_person("anna")
     assert kept is not None and set(kept.sensor_offsets["json"]) == set(HELD)
     again = Controllers()
-    at, said = followed(again, until=0.0)
+    at, logged = followed(again, until=0.0)
     assert worst(again, at, 0.0) < 0.55 * off
-    assert not any(text.startswith("beside their joints: ") for text in said)
+    assert not any(text.startswith("beside their joints: ") for text in logged)

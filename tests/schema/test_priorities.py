@@ -233,8 +233,8 @@ def test_overlays_of_the_user_extend_shipped_ones_and_each_other(
     folder.mkdir(parents=True)
     head = "name: mine\ndescription: One of the user's.\n"
     (folder / "slower.yaml").write_text(head + "extends: balanced_sustained\niterations: 3\n", encoding="utf-8")
-    (folder / "slowest.yaml").write_text(head + "extends: slower\nservo_lead: 0.1\n", encoding="utf-8")
-    own_keys = {"name": "mine", "description": "One of the user's.", "iterations": 3, "servo_lead": 0.1}
+    (folder / "slowest.yaml").write_text(head + "extends: slower\nlag_compensation: 0.1\n", encoding="utf-8")
+    own_keys = {"name": "mine", "description": "One of the user's.", "iterations": 3, "lag_compensation": 0.1}
     assert load_priorities("slowest") == shipped.model_copy(update=own_keys)
     (folder / "servo.yaml").write_text(EVERYTHING, encoding="utf-8")
     assert load_priorities("servo").name == "everything"

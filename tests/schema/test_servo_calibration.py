@@ -54,49 +54,36 @@ def head(**more: object) -> ServoCalibration:
     return ServoCalibration.model_validate({"robot": "op3", "servos": servos} | more)
 
 
-def test_what_is_written_is_read(op3: RobotProfile) -> None:
+def test_what_is_written_is_read_and_a_write_that_fails_leaves_the_old_one(
+    op3: RobotProfile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert read_calibration(op3) is None
     path = write_calibration(head())
-    assert path == calibration_path("op3")
+    assert path == calibration_path("op3") and not previous_path(path).exists()
+    own, named = path.read_bytes(), tmp_path / "named" / "zeros.yaml"
+    named.parent.mkdir()
+    for tick in (2200, 2300):  # a file that is named is the only one that is written
+        assert write_calibration(head(servos={"head_pan": entry(19, tick)}), named) == named
+        assert f"tick: {tick}" in named.read_text()
+    assert list(named.parent.iterdir()) == [named]
+    broken = Mock(side_effect=OSError(28, "No space left on device"))
+    monkeypatch.setattr("retarget.schema.files.os.fsync", broken)
+    with refuses(UsageError):
+        write_calibration(head(servos={"head_pan": entry(19, 2200)}))
     assert read_calibration(op3) == head()
-    assert not previous_path(path).exists()
+    assert path.read_bytes() == own and list(path.parent.iterdir()) == [path]
 
 
-@given(
-    joint=st.text(
-        st.characters(exclude_categories=["Cs", "Cc", "Z"], exclude_characters="/\\\ufeff"), min_size=1, max_size=8
-    ),
-    angle=st.floats(-7.0, 7.0),
-    tick=st.integers(-20000, 20000),
-)
+LETTERS = st.characters(exclude_categories=["Cs", "Cc", "Z"], exclude_characters="/\\\ufeff")
+
+
+@given(joint=st.text(LETTERS, min_size=1, max_size=8), angle=st.floats(-7.0, 7.0), tick=st.integers(-20000, 20000))
 def test_any_name_and_number_survives_the_file(joint: str, angle: float, tick: int) -> None:
     calibration = ServoCalibration(robot="op3", servos={joint: entry(3, tick, angle=angle, homing_offset=-7)})
     with TemporaryDirectory() as folder:
         path = write_calibration(calibration, Path(folder) / "zeros.yaml")
         document = scan(read_text(path), path)
     assert not document.problems and ServoCalibration.model_validate(document.data) == calibration
-
-
-def test_a_file_that_is_named_is_the_only_one_that_is_written(op3: RobotProfile, tmp_path: Path) -> None:
-    own = write_calibration(head()).read_bytes()
-    named = tmp_path / "named" / "zeros.yaml"
-    named.parent.mkdir()
-    for tick in (2200, 2300):
-        assert write_calibration(head(servos={"head_pan": entry(19, tick)}), named) == named
-        assert f"tick: {tick}" in named.read_text()
-    assert list(named.parent.iterdir()) == [named]
-    path = calibration_path("op3")
-    assert path.read_bytes() == own and list(path.parent.iterdir()) == [path]
-
-
-def test_a_write_that_fails_leaves_the_old_one(op3: RobotProfile, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_calibration(head())
-    broken = Mock(side_effect=OSError(28, "No space left on device"))
-    monkeypatch.setattr("retarget.schema.files.os.fsync", broken)
-    with refuses(UsageError):
-        write_calibration(head(servos={"head_pan": entry(19, 2200)}))
-    assert read_calibration(op3) == head()
-    assert not list(calibration_path("op3").parent.glob("*.part"))
 
 
 def test_a_calibrated_robot_has_its_zeros_there() -> None:
@@ -145,27 +132,24 @@ def test_of_another_robot_is_refused(case: str) -> None:
     assert len(refusal.value.problems) == (3 if case == "all" else 1)
 
 
-def test_the_file_of_another_robot_under_this_one_s_name_is_refused() -> None:
+def test_the_file_of_another_robot_or_an_unsound_one_is_refused(op3: RobotProfile) -> None:
+    path = calibration_path("op3")
     write_calibration(head(robot="poppy"))
-    shutil.move(calibration_path("poppy"), calibration_path("op3"))
+    shutil.move(calibration_path("poppy"), path)
     with refuses(ConfigError, found="poppy", allowed="op3"):
         load_robot("op3")
-
-
-@pytest.mark.parametrize(
-    "text", ["", "robot: op3\n", "robot: op3\nservos: {}\n", "[", "robot: op3\nservos: {head_pan: {id: 19}}\n"]
-)
-def test_an_unsound_file_is_refused(text: str, op3: RobotProfile) -> None:
-    path = calibration_path("op3")
-    path.parent.mkdir(parents=True)
-    path.write_text(text)
-    with pytest.raises(ConfigError):
-        read_calibration(op3)
+    for text in ("", "robot: op3\n", "robot: op3\nservos: {}\n", "[", "robot: op3\nservos: {head_pan: {id: 19}}\n"):
+        path.write_text(text)
+        with pytest.raises(ConfigError):
+            read_calibration(op3)
 
 
 def test_half_a_pair_shifted_beyond_its_servo_is_impossible() -> None:
-    assert impossible_zeros(waist_servos(), ServoCalibration(robot="r", servos={"knee": entry(7, 2048)})) == []
-    ((joint, text),) = impossible_zeros(waist_servos(), ServoCalibration(robot="r", servos={"knee": entry(7, 100)}))
+    def impossible(tick: int) -> list[tuple[str, str]]:
+        return impossible_zeros(waist_servos(), ServoCalibration(robot="r", servos={"knee": entry(7, tick)}))
+
+    assert impossible(2048) == []
+    ((joint, text),) = impossible(100)
     assert joint == "knee"
     shows(text)
 

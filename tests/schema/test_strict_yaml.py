@@ -72,13 +72,6 @@ def test_scalars_follow_the_core_schema(text: str, value: object) -> None:
     assert type(found) is type(value)
 
 
-def test_every_key_and_item_has_its_line() -> None:
-    document = read("a: 1\nb:\n  c: [1,\n    2]\n  d:\n    - {e: 3}\n")
-    assert document.lines[("b", "c", 1)] == 4
-    assert document.lines[("b", "d", 0, "e")] == 6
-    assert document.lines[("b",)] == 2
-
-
 @pytest.mark.parametrize(
     ("text", "line", "what"),
     [
@@ -137,11 +130,9 @@ def test_depth_is_bounded() -> None:
 
 
 def test_number_of_values_is_bounded() -> None:
+    """A flood of problems ends the reading."""
     assert read("a: [" + "1, " * (MAX_VALUES // 2) + "]")
     shows(str(refused("a: [" + "1, " * MAX_VALUES + "]")))
-
-
-def test_a_flood_of_problems_ends_the_reading() -> None:
     assert len(refused("a: 1\n" * 20_000).problems) == MAX_PROBLEMS
 
 
@@ -154,22 +145,19 @@ def test_size_is_bounded(tmp_path: Path) -> None:
     assert load(path).data == {"a": 1}
 
 
-def test_not_utf8_names_the_line(tmp_path: Path) -> None:
-    path = tmp_path / "latin.yaml"
-    path.write_bytes(b"a: 1\nb: \xe9t\xe9\n")
+def test_what_is_no_file_or_no_text_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "latin.yaml").write_bytes(b"a: 1\nb: \xe9t\xe9\n")
     with refuses(ConfigError, "UTF-8", where="latin.yaml:2", found="0xe9"):
-        load(path)
+        load(tmp_path / "latin.yaml")
+    for name in ("gone.yaml", "."):
+        with refuses(ConfigError, where=tmp_path / name):
+            load(tmp_path / name)
 
 
-@pytest.mark.parametrize("name", ["gone.yaml", "."])
-def test_what_is_no_file_is_refused(tmp_path: Path, name: str) -> None:
-    with refuses(ConfigError, where=tmp_path / name):
-        load(tmp_path / name)
-
-
-def test_parsers_of_pyyaml_agree(monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "a: [1, {b: 'x y'}]\nc: |\n  t\nd: {e: 1.5, f: no}\n"
+def test_every_key_and_item_has_its_line_with_either_parser_of_pyyaml(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "a: 1\nb:\n  c: [1,\n    2]\n  d:\n    - {e: 3, f: 'x y'}\nc: |\n  t\nd: {e: 1.5, f: no}\n"
     fast = read(text)
+    assert [fast.lines[key] for key in (("b", "c", 1), ("b", "d", 0, "e"), ("b",))] == [4, 6, 2]
     monkeypatch.setattr("retarget.schema.strict_yaml._Loader", yaml.SafeLoader)
     slow = read(text)
     assert (fast.data, fast.lines) == (slow.data, slow.lines)
@@ -208,7 +196,7 @@ def test_any_text_is_read_or_refused(text: str) -> None:
         assert error.problems
         assert len(str(error)) < 20_000
     else:
-        assert all(path in document.lines for path in ((key,) for key in document.data))
+        assert all((key,) in document.lines for key in document.data)
 
 
 @given(st.binary(max_size=300))
