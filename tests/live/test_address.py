@@ -1,4 +1,4 @@
-"""Addresses of streams: what each means, and that every mistake is one message with a way out."""
+"""Addresses of streams, and one message with the next step for every mistake."""
 
 from dataclasses import replace
 from ipaddress import IPv4Network

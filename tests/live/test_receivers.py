@@ -1,4 +1,4 @@
-"""The sockets of a NatNet stream, against a server of loopback that speaks just enough."""
+"""Receivers over loopback, the admission of senders, and protocols by their first bytes."""
 
 import errno
 import os
@@ -273,7 +273,7 @@ def test_nothing_stays_open_after_a_refusal(monkeypatch: pytest.MonkeyPatch) -> 
     assert opened[0].fileno() == -1
 
 
-# Who may move the robot: allow-list, first source. The owner of a robot that moves stays its owner.
+# Admission: allow-list, first source. The owner of a robot that moves stays its owner.
 
 A, B, C = ("192.168.1.20", 5000), ("192.168.1.21", 5000), ("10.9.9.9", 5000)
 LAN = (IPv4Network("192.168.1.0/24"),)

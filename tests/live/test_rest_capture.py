@@ -1,4 +1,4 @@
-"""A second of standing still: size, floor, heading; and what is refused, by name."""
+"""A second of standing still: size, floor, heading; and refusals by name."""
 
 from itertools import pairwise
 

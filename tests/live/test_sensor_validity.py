@@ -388,7 +388,7 @@ def test_real_slimevr_bytes_raise_no_alarm(shared: Path) -> None:
 
 
 def test_a_sensor_that_drops_out_again_and_again_is_news_of_one_kind() -> None:
-    """A camera's pictures stall for 0.4 s in every 1.5 s, for 15 s: 10 times, for those who count."""
+    """A camera's pictures stall for 0.4 s in every 1.5 s, for 15 s."""
     validity, said = SensorValidity(NAMES[:1]), list[News]()
     row, turn = np.zeros(1, dtype=np.intp), np.array([[1.0, 0.0, 0.0, 0.0]])
     for tick in range(1500):

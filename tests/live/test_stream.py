@@ -1,4 +1,4 @@
-"""A run that falls behind takes the newest data: its latency is bounded, and so is the work of a poll."""
+"""A live stream: bounded latency and work of a poll, roles of senders, pages of cameras and headsets."""
 
 import json
 from pathlib import Path
@@ -39,7 +39,7 @@ FIVE = load_performer("five")
 
 
 class Queue:
-    """A receiver of what waits in a kernel."""
+    """A receiver of datagrams that wait in a kernel."""
 
     finished = False
 
@@ -56,7 +56,7 @@ class Queue:
 
 
 class Seen:
-    """A decoder of nothing; what it was given, in order."""
+    """A decoder of nothing, which keeps its datagrams."""
 
     def __init__(self) -> None:
         self.dropped, self.given = Dropped(), list[bytes]()

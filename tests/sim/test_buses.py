@@ -154,7 +154,7 @@ def test_every_fault_that_a_bus_takes_changes_something(tmp_path: Path, mass: bo
 
 
 def seen_through(folder: Path, kind: LineFault | None, *, mass: bool) -> list[tuple[object, ...]]:
-    """What the host sees of a robot on an emulated wire that moves an elbow, with this fault from 0.8 s on."""
+    """The host's view of a robot on an emulated wire that moves an elbow, with this fault from 0.8 s on."""
     faults, clock, start = folder / "faults.yaml", VirtualClock(), standing()
     faults.write_text(f"faults: [{'' if kind is None else f'{{fault: {kind.value}, start: 0.8}}'}]\n")
     bus: ServoBus
@@ -205,7 +205,7 @@ def test_it_stands_through_the_wire_as_without() -> None:
 
 
 def sag(*, softer: float = 1.0, drive_limit: float = 1.0) -> float:
-    """How far the knee of a standing robot hangs back, rad, when its registers say this."""
+    """Sag of the knee of a standing robot, rad, with these registers."""
     simulation, start = simulation_of(op3(), start=standing()), standing()
     specs = op3().joint_map.servos
     tops = [spec.model.no_load_speed / spec.model.tick_rad for spec in specs]

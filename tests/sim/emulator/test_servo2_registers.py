@@ -448,7 +448,7 @@ def test_what_is_readable_has_its_length(address: int, length: int) -> None:
         assert length == 0 or end > memory.table.size or not covers
 
 
-# The common part of emulated servos of both protocols: start, power, what is kept without power, load.
+# The common part of emulated servos of both protocols: start and power.
 
 Make = Callable[[], EmulatedServo | EmulatedServo1]
 both = pytest.mark.parametrize("make", [servo2, servo1])

@@ -1,4 +1,4 @@
-"""`retarget servo scan` on the emulator: what it shows, what it misses, and that it writes nothing."""
+"""`retarget servo scan` on the emulator: found, missing and wrong servos; nothing is written."""
 
 from collections.abc import Iterable
 

@@ -85,16 +85,16 @@ def torque_again(trace: Trace) -> Trace:
     return replace(trace, sent=[*trace.sent, Sent((trace.latched or 0.0) + 0.2, on)])
 
 
+def in_state(state: RunState, trace: Trace, since: float) -> Trace:
+    return replace(trace, ticks=[replace(one, state=state) if one.time > since else one for one in trace.ticks])
+
+
 def goes_on(trace: Trace) -> Trace:
-    middle = (trace.latched or 0.0) + 0.5
-    return replace(
-        trace, ticks=[replace(one, state=RunState.FOLLOW) if one.time > middle else one for one in trace.ticks]
-    )
+    return in_state(RunState.FOLLOW, trace, (trace.latched or 0.0) + 0.5)
 
 
 def holds_while_it_moves(trace: Trace) -> Trace:
-    begun = (trace.began or 0.0) + 0.2
-    ticks = [replace(one, state=RunState.HOLD) if one.time > begun else one for one in trace.ticks]
+    ticks = in_state(RunState.HOLD, trace, (trace.began or 0.0) + 0.2).ticks
     return replace(trace, ticks=[*ticks, TickEnd(ticks[-1].time + 0.01, RunState.FOLLOW, True, 1.0)])
 
 
@@ -110,7 +110,7 @@ def hurries(trace: Trace) -> Trace:
 
 
 def wanders(trace: Trace) -> Trace:
-    """The robot goes to rest by way of its stance, and not straight."""
+    """The robot goes to rest through its stance, and not straight."""
     there, rest = RunState.RETURN_TO_STANCE, RunState.GO_TO_REST
     return replace(trace, ticks=[replace(one, state=rest if one.state is there else one.state) for one in trace.ticks])
 
@@ -130,7 +130,7 @@ def test_a_correct_run_has_no_violation(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("doctor", "expected"),
+    ("change", "expected"),
     [
         (late_goal, "address 116 was written"),
         (jump, "too fast"),
@@ -148,8 +148,8 @@ def test_a_correct_run_has_no_violation(bench: Bench) -> None:
         (keeps_torque, "torque is on in the end"),
     ],
 )
-def test_every_violation_is_found(bench: Bench, doctor: Callable[[Trace], Trace], expected: str) -> None:
-    found = violations(bench, doctor(bench.trace))
+def test_every_violation_is_found(bench: Bench, change: Callable[[Trace], Trace], expected: str) -> None:
+    found = violations(bench, change(bench.trace))
     assert any(expected in line for line in found), found
 
 
@@ -167,15 +167,9 @@ def test_a_run_that_does_not_end_is_ended_and_found() -> None:
 
 def faster(trace: Trace, since: float, until: float) -> Trace:
     """As if goals of a time had come in a third of it, and stood then: every third is sent, and the last ones again."""
-    sent, held = [], None
-    sent_goals = [one for one in trace.sent if since <= one.time < until and one.data[7:10] == b"\x83\x74\x00"]
-    ahead = dict(
-        zip((one.time for one in sent_goals), sent_goals[::3] + [sent_goals[-1]] * len(sent_goals), strict=False)
-    )
-    for one in trace.sent:
-        held = ahead.get(one.time) if one in sent_goals else None
-        sent.append(one if held is None else replace(one, data=held.data))
-    return replace(trace, sent=sent)
+    slow = [one for one in trace.sent if since <= one.time < until and one.data[7:10] == b"\x83\x74\x00"]
+    ahead = dict(zip(slow, slow[::3] + [slow[-1]] * len(slow), strict=False))
+    return replace(trace, sent=[replace(one, data=ahead.get(one, one).data) for one in trace.sent])
 
 
 def _hurried(bench: Bench) -> Callable[[], object]:
@@ -187,8 +181,8 @@ def _hurried(bench: Bench) -> Callable[[], object]:
         assert trace.armed is not None and trace.approach_ended is not None and violations(bench, trace) == []
         middle = 0.5 * (trace.armed + trace.approach_ended)
         again = [last for first, last in trace.holds if last - first > 0.3][-1]
-        doctored = faster(trace, middle, trace.approach_ended), faster(trace, again, again + 0.7)
-        return violations(bench, doctored[0]), violations(bench, doctored[1])
+        changed = faster(trace, middle, trace.approach_ended), faster(trace, again, again + 0.7)
+        return violations(bench, changed[0]), violations(bench, changed[1])
 
     bench.at(BOUNDS.onset_s + 1.9, bench.leave)
     return judged
@@ -223,7 +217,7 @@ def test_a_missing_reaction_to_two_faults_is_found(first: str, second: str, expe
 
 @pytest.mark.long
 def test_a_random_run_without_a_reaction_is_found() -> None:
-    with patch.object(LivePerformer, "_is_good", lambda self, heard, now: True):
+    with patch.object(LivePerformer, "_is_good", lambda self, state, now: True):
         shows(judged_seed(BLIND_SEED, seconds=1.0).wrong)
 
 
@@ -256,7 +250,7 @@ def test_a_wrist_that_is_lost_and_sides_that_change_places_are_a_swap(names: tup
         ("servo unplugged", "stopped for a second", Reaction.STOP, 2.04),
     ],
 )
-def test_the_stronger_of_two_is_asked_for(first: str, second: str, reaction: Reaction, limit: float) -> None:
+def test_the_stronger_reaction_of_two_is_required(first: str, second: str, reaction: Reaction, limit: float) -> None:
     need = outdone(row(first), row(second), gap=0.05)
     assert need.reaction is reaction and need.limit == pytest.approx(limit)
 

@@ -1,7 +1,4 @@
-"""A live performer through the whole pipeline on virtual time: followed, held, without any jump; with three sensors.
-
-What a row of the fault table runs, and judges by its bytes, is not here.
-"""
+"""A live performer through the whole pipeline on virtual time: followed, held, without any jump; with three sensors."""
 
 from dataclasses import replace
 
@@ -163,13 +160,13 @@ def lost_wrist(intake: IntakeTimes, monkeypatch: pytest.MonkeyPatch) -> tuple[Li
         noise = np.random.default_rng(int(time * 1000))
         sent = {name: point + noise.normal(0.0, 2e-4, 3) for name, point in base.items()}
         sent["head"] = sent["head"] + 0.01 * np.sin(2.0 * time)
-        if time >= 5.8:
+        if time >= 6.8:
             sent["l_wrist"] = sent["l_wrist"] + np.array([0.15, 0.0, 0.6])
-        if 5.0 <= time < 6.2:
+        if 6.0 <= time < 7.2:  # followed from 4.3 s on: the wrist has arrived since
             del sent["l_wrist"]
         return sent
 
-    rig = LiveRig(FakeSender(faults=[fault]), options=LiveOptions(countdown=0.5, duration=4.5))
+    rig = LiveRig(FakeSender(faults=[fault]), options=LiveOptions(countdown=0.5, duration=5.5))
     return rig, run(rig)
 
 

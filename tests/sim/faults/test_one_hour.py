@@ -37,8 +37,8 @@ def progress(time: float) -> float:
     """How far through the motion, 0 to 1: there in half a round, and back."""
     lasts = 0.5 * ROUND_S - DWELL_S
     phase = (time - STILL_S) % ROUND_S
-    way = min(phase, ROUND_S - phase) - 0.5 * DWELL_S
-    return 0.5 - 0.5 * float(np.cos(np.pi * np.clip(way / lasts, 0.0, 1.0)))
+    moving = min(phase, ROUND_S - phase) - 0.5 * DWELL_S
+    return 0.5 - 0.5 * float(np.cos(np.pi * np.clip(moving / lasts, 0.0, 1.0)))
 
 
 class NoisySender(FakeSender):
@@ -54,7 +54,6 @@ class NoisySender(FakeSender):
     finished = False
 
     def poll(self, now: float) -> list[Datagram]:
-        """What was sent by now; sometimes late."""
         found = super().poll(now)
         if now - self.begun > EVERY_S * (len(self.stalls) + 1):
             self.stalls.append(now)
@@ -75,7 +74,7 @@ def resident_mb() -> float:
 
 
 class Diary:
-    """What is noted of the run: memory once a minute, goals at the turn of every round, and late ticks."""
+    """Memory once a minute, goals at the turn of every round, and late ticks."""
 
     def __init__(self, rig: LiveRig, sender: NoisySender) -> None:
         self.memory: list[tuple[float, float, int]] = []

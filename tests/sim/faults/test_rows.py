@@ -1,6 +1,6 @@
 """The fault table: every row in every state, streams and stops on the approach too; random runs; and a judge.
 
-The first row of each reaction, moving and idle, is run always, in the state that tells most: idle if no run may begin
+The first row of each reaction, moving and idle, is run always, in the most telling state: idle if no run may begin
 with it, else moving. The others are marked `long` (also: `retarget faults`).
 """
 
@@ -85,7 +85,7 @@ CLAIMS: list[tuple[str, When, dict[str, Any], str]] = [
     ("stopped for a second", When.MOVING, {"then": StopCause.BUS}, "cause is servo limp, not bus"),
     ("bus silent for 40 ms", When.MOVING, {"held": 0.005}, "held after 0.0"),
 ]
-"""Rows that claim something else than is so, and what the judge must say to that."""
+"""Rows with a wrong claim, and the violation that the judge must find."""
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""A robot with mass that is pushed: what fells it is recognised before its trunk meets the floor, and nothing else."""
+"""A robot with mass that is pushed: falls alone are recognised, and before the trunk meets the floor."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Numbers of servos: what the maker prints comes out of them again."""
+"""Servos with mass: the numbers of their makers, heat, supply and position loop."""
 
 from dataclasses import replace
 from typing import Any

@@ -151,7 +151,7 @@ def test_what_is_drawn_is_as_large_as_stated_and_the_same_for_the_same_seed() ->
         assert len(given) == 1 and 0.6 in vars(given.pop()).values()
 
 
-# The world: masses, soles and shapes, mounts, fixtures, and what it refuses.
+# The world: masses, soles and shapes, mounts, fixtures, refusals.
 
 
 def test_it_weighs_what_the_body_file_says_and_masses_can_be_scaled_and_moved() -> None:
