@@ -126,12 +126,15 @@ def test_a_robot_that_falls_gives_way(protocol: int, model: str, drive: str) -> 
         servos = [replace(one, mode=ServoMode.CURRENT_BASED_POSITION, current_limit=2.0) for one in servos]
     rig = BusRig(servos, protocol=protocol).ready(torque=True)
     full, other = rig.shown(drive)
-    rig.bus.limit_drive(0.3)
-    rig.tick()
-    assert rig.shown(drive) == [round(0.3 * full)] * 2 and full == other
-    assert rig.shown("torque_enable") == [1, 1]
-    rig.bus.torque(False)
-    rig.bus.torque(True)
+    rig.bus.torque(True)  # finds them with torque: they carry the robot
+    for _ in range(2):
+        assert rig.shown(drive) == [full] * 2 and full == other
+        rig.bus.limit_drive(0.3)
+        rig.tick()
+        assert rig.shown(drive) == [round(0.3 * full)] * 2
+        assert rig.shown("torque_enable") == [1, 1]
+        rig.bus.torque(False)
+        rig.bus.torque(True)
     assert rig.shown(drive) == [full] * 2
 
 
