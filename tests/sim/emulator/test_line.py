@@ -13,18 +13,7 @@ from emulated import PING, STATUS, numbered, servo1
 from hardware.clock import VirtualClock
 from hardware.dynamixel.codec import BROADCAST, CODECS, Instruction, protocol1, protocol2
 from sim.emulator import line as line_module
-from sim.emulator.conversation import (
-    Conduct,
-    Conversation,
-    Gaps,
-    ReadItem,
-    Reply,
-    WriteItem,
-    reads1,
-    reads2,
-    writes1,
-    writes2,
-)
+from sim.emulator.conversation import Conduct, Conversation, Gaps, Reply, reads1, reads2, writes1, writes2
 from sim.emulator.device import Device
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault, FaultKind
@@ -39,7 +28,7 @@ def _line(*devices: Device, timing: LineTiming | None = None, faults: tuple[Faul
     return Line(devices, timing=timing or LineTiming.none(), faults=state)
 
 
-def _ask(line: Line, data: bytes, now: float = 0.0) -> bytes:
+def _answer(line: Line, data: bytes, now: float = 0.0) -> bytes:
     line.receive(data, now)
     return line.take(FOREVER)
 
@@ -51,10 +40,10 @@ def test_a_frame_in_pieces_is_received_behind_garbage_and_dropped_after_a_pause(
     assert line.take(0.0) == STATUS
     line = _line(numbered(), timing=LineTiming())
     line.receive(PING[:5], 0.0)
-    assert _ask(line, PING[5:], 0.0014) == STATUS
+    assert _answer(line, PING[5:], 0.0014) == STATUS
     line.receive(PING[:5], 1.0)
-    assert _ask(line, PING[5:], 1.0 + 50 / 57600 + 0.0016) == b""
-    assert _ask(line, PING, 2.0) == STATUS
+    assert _answer(line, PING[5:], 1.0 + 50 / 57600 + 0.0016) == b""
+    assert _answer(line, PING, 2.0) == STATUS
 
 
 def test_only_devices_at_about_the_hosts_rate_that_have_started_receive_it() -> None:
@@ -63,17 +52,17 @@ def test_only_devices_at_about_the_hosts_rate_that_have_started_receive_it() -> 
     line = _line(numbered(1), numbered(2, baud=1_000_000), starts)
     at = {57600: [True, False, False], 57142: [True, False, False], 1_000_000: [False, True, False]}
     for line.baud, answers in at.items():
-        assert [bool(_ask(line, protocol2.ping(device))) for device in (1, 2, 3)] == answers
+        assert [bool(_answer(line, protocol2.ping(device))) for device in (1, 2, 3)] == answers
 
 
 def test_sending_into_an_answer_spoils_both() -> None:
     device = numbered()
     line = _line(device, timing=LineTiming())
     line.receive(PING, 0.0)
-    answer = _ask(line, protocol2.write(1, 65, b"\1"), 10 * 10 / 57600 + 0.0005)
+    answer = _answer(line, protocol2.write(1, 65, b"\1"), 10 * 10 / 57600 + 0.0005)
     assert device.memory.value("led") == 0
     assert len(answer) == len(STATUS) and protocol2.parser().feed(answer) == []
-    assert _ask(line, PING, 1.0) == STATUS
+    assert _answer(line, PING, 1.0) == STATUS
 
 
 def test_a_host_that_never_reads_costs_no_memory() -> None:
@@ -90,19 +79,19 @@ def test_noise_harms_no_device_and_the_next_frame_is_received(noise: list[bytes]
     for index, data in enumerate(noise):
         line.receive(data, float(index))
     line.take(FOREVER)
-    assert STATUS in _ask(line, PING, 1000.0)
+    assert STATUS in _answer(line, PING, 1000.0)
 
 
 def test_a_dead_line_an_echo_and_a_lost_adapter() -> None:
     short = Fault(FaultKind.SHORT, start=1.0, end=2.0, value=4.0)
     echo, unplug = Fault(FaultKind.ECHO, start=2.0, end=3.0), Fault(FaultKind.UNPLUG, start=3.0, end=4.0)
     line = _line(numbered(), faults=(short, echo, unplug))
-    assert _ask(line, PING, 0.5) == STATUS
-    assert len(_ask(line, PING, 1.5)) == 4
-    assert _ask(line, PING, 2.5) == PING + STATUS
+    assert _answer(line, PING, 0.5) == STATUS
+    assert len(_answer(line, PING, 1.5)) == 4
+    assert _answer(line, PING, 2.5) == PING + STATUS
     line.receive(PING, 2.9)
     assert line.unplugged(3.5) and line.take(FOREVER) == b""
-    assert not line.unplugged(4.5) and _ask(line, PING, 4.6) == STATUS
+    assert not line.unplugged(4.5) and _answer(line, PING, 4.6) == STATUS
 
 
 def test_what_comes_together_ends_at_its_last_byte() -> None:
@@ -224,38 +213,6 @@ def test_protocol_1_has_bulk_read_and_sync_write() -> None:
     assert _replies(protocol1.sync_write(25, 1, [(1, b"\1")]), [first, second]) == []
     assert (first.memory.value("led"), second.memory.value("led")) == (1, 0)
     assert _ids(_replies(request, [old, second])) == [2]  # an AX knows no bulk read
-
-
-IDS = st.integers(0, 252)
-WORDS = st.integers(0, 0xFFFF)
-
-
-def _params(data: bytes, protocol: int = 2) -> tuple[int, bytes]:
-    (frame,) = CODECS[protocol].parser().feed(data)
-    return frame.code, frame.params
-
-
-@settings(max_examples=50)
-@given(st.lists(st.tuples(IDS, WORDS, WORDS), max_size=40), WORDS, WORDS, st.booleans())
-def test_group_reads_are_read_from_the_bytes(
-    items: list[tuple[int, int, int]], address: int, length: int, fast: bool
-) -> None:
-    ids = [device for device, _, _ in items]
-    sync = _params(protocol2.sync_read(address, length, ids, fast=fast))
-    assert list(reads2(*sync)) == [ReadItem(device, address, length) for device in ids]
-    assert list(reads2(*_params(more_frames.bulk_read(items, fast=fast)))) == items
-    _, first = _params(protocol1.bulk_read([(1, 30, 2), (2, 36, 2)]), 1)
-    assert list(reads1(first)) == [ReadItem(1, 30, 2), ReadItem(2, 36, 2)]
-
-
-@settings(max_examples=50)
-@given(st.lists(st.tuples(IDS, WORDS, st.binary(max_size=12)), max_size=20))
-def test_group_writes_are_read_from_the_bytes(items: list[tuple[int, int, bytes]]) -> None:
-    assert writes2(*_params(more_frames.bulk_write(items))) == items
-    same = [(device, data[:4].ljust(4, b"\0")) for device, _, data in items]
-    assert writes2(*_params(protocol2.sync_write(116, 4, same))) == [WriteItem(own, 116, data) for own, data in same]
-    _, first = _params(protocol1.sync_write(30, 4, same), 1)
-    assert writes1(first) == [WriteItem(own, 30, data) for own, data in same]
 
 
 @settings(max_examples=100)

@@ -77,12 +77,9 @@ class Diary:
     """Memory once a minute, goals at the turn of every round, and late ticks."""
 
     def __init__(self, rig: LiveRig, sender: NoisySender) -> None:
-        self.memory: list[tuple[float, float, int]] = []
-        """s of the run, MiB in use, blocks of Python."""
-        self.turns: list[tuple[int, TickArray]] = []
-        """Number of a round, and the goals when the performer stood at its far end."""
-        self.times: list[float] = []
-        """When each tick ended, s."""
+        self.memory: list[tuple[float, float, int]] = []  # [s] of the run, MiB in use, blocks of Python
+        self.turns: list[tuple[int, TickArray]] = []  # rounds, and the goals while the performer stood at their far end
+        self.times: list[float] = []  # [s] end of each tick
         self._rig, self._sender = rig, sender
         self._goals: TickArray = np.zeros(0, dtype=np.int64)
         self._write, rig.bus.write = rig.bus.write, self._keep  # type: ignore[method-assign]

@@ -78,10 +78,8 @@ def test_motors_that_turn_draw_what_they_do_and_what_they_lose_and_give_none_bac
         electrics = Electrics(DRIVES)
         electrics.advance(every, speed * every, ON, 1e-3)
         sags.append(DRIVES[0].servo.model.voltage - float(electrics.voltage[0]))
-    still, turning = (
-        SUPPLY_RESISTANCE * (IDLE_CURRENT * COUNT + float((lost + speed).sum()) / DRIVES[0].servo.model.voltage)
-        for speed in (0.0, 3.0)
-    )
+    volts, idle = DRIVES[0].servo.model.voltage, IDLE_CURRENT * COUNT
+    still, turning = (SUPPLY_RESISTANCE * (idle + float((lost + speed).sum()) / volts) for speed in (0.0, 3.0))
     assert sags == pytest.approx([still, turning, 0.0])  # the last: too little to be noticed
 
 
