@@ -75,12 +75,7 @@ def test_simulated_servos_begin_where_the_robot_stands(name: str, kind: type, ro
     [("physics", "servo", True), ("physics", None, False), ("mock", "servo", False), ("mock", "unbalanced.yaml", True)],
 )
 def test_priorities_under_which_a_robot_may_fall_are_noted(
-    bus: str,
-    priorities: str | None,
-    is_noted: bool,
-    robot: RobotBody,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    bus: str, priorities: str, is_noted: bool, robot: RobotBody, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     levels = "[self collision, soles, likeness, posture]"
@@ -99,20 +94,16 @@ def test_a_real_bus_is_on_the_profile_s_port_or_on_the_named_one(name: str, port
     assert [(line.port.name, line.spec.port) for line in bus.lines] == [(port, port)]
 
 
-def test_no_port_is_touched_before_it_is_opened(robot: RobotBody) -> None:
+def test_no_port_is_touched_before_it_is_opened_and_one_for_several_buses_is_refused(
+    robot: RobotBody, divided: RobotBody
+) -> None:
     bus = make_bus("/dev/no-such-port", robot, VirtualClock())
     with refuses(BusError):
         bus.open()
-
-
-def test_one_port_for_several_buses_is_refused(divided: RobotBody) -> None:
-    with refuses(UsageError) as caught:
+    with refuses(UsageError, "--bus", "/dev/ttyUSB7", "main, head", "into the profile"):
         make_bus("/dev/ttyUSB7", divided, VirtualClock())
-    for text in ("--bus", "/dev/ttyUSB7", "main, head", "into the profile"):
-        assert text in str(caught.value)
     bus = make_bus("profile", divided, VirtualClock())
-    assert isinstance(bus, DynamixelBus)
-    assert bus.lines[0].port.name == "/dev/ttyUSB0"
+    assert isinstance(bus, DynamixelBus) and bus.lines[0].port.name == "/dev/ttyUSB0"
 
 
 def options(bus: str = "physics", *, robot: str = "op3", seconds: float = 0.6, **physics: object) -> RunOptions:
@@ -151,11 +142,9 @@ def test_before_torque_goes_off_a_run_says_to_hold_who_cannot_stay(
 
 
 def test_a_run_stands_reports_and_ends_at_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def still() -> SensorFrames:
-        return synthetic_performer().cut(0.0, 0.3)
-
     report, recording = tmp_path / "r.json", tmp_path / "r.mcap"
-    code = follow_clip(still, options(seconds=0.3), Outputs(report=report, record=recording))
+    outputs = Outputs(report=report, record=recording)
+    code = follow_clip(lambda: synthetic_performer().cut(0.0, 0.3), options(seconds=0.3), outputs)
     data = json.loads(report.read_text())
     assert data["fallen"] is data["physics"]["fallen"] is False
     assert code == DONE and data["stop"]["reason"] is None
@@ -260,29 +249,20 @@ def test_trouble_is_drawn_by_the_seed_and_a_push_comes_while_it_follows() -> Non
     assert following[0] < begun < following[-1] + 0.1
 
 
-def refusal(path: Path, physics: PhysicsOptions) -> str:
-    asked = RunOptions(robot=str(path), bus="physics", physics=physics, playback=Playback(end=0.2))
-    with pytest.raises(ConfigError) as caught, on_bench(asked, goes_to_rest=False):
-        pass
-    return str(caught.value)
-
-
 def test_a_posture_that_cannot_stand_is_refused_with_centre_of_mass_and_polygon(tmp_path: Path) -> None:
     path = copy_of_op3(tmp_path / "op3")
-    text = path.read_text(encoding="utf-8")
-    stand = yaml.safe_load(text)["postures"]["stand"]
-    assert "l_ank_pitch" in stand
-    data = yaml.safe_load(text)
+    data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    stand = data["postures"]["stand"]
     for joint in ("l_ank_pitch", "r_ank_pitch"):
         low, high = data["servos"][joint]["limits"]
-        data["postures"]["stand"][joint] = 0.95 * (high if stand[joint] > 0 else low)
+        stand[joint] = 0.95 * (high if stand[joint] > 0 else low)
     path.write_text(yaml.safe_dump(data), encoding="utf-8")
-    said = refusal(path, PhysicsOptions())
-    shows(said)
+    with pytest.raises(ConfigError) as caught, on_bench(options(robot=str(path), seconds=0.2), goes_to_rest=False):
+        pass
+    shows(str(caught.value))
 
 
-def test_without_mujoco_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = load_robot("op3")
+def test_without_mujoco_nothing_starts(robot: RobotBody, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with refuses(ConfigError, "mujoco"):
         PhysicsBench(options(), lambda text: None).make_bus(robot, VirtualClock())

@@ -77,7 +77,7 @@ def test_the_same_line_twice_names_the_option_that_replaces(run: Path, done: Typ
 
 def test_no_foreign_file_is_lost_by_overwriting(run: Path, done: Typed, refused: Typed) -> None:
     project, ours = run.parent / "project", run.parent / "run_lerobot"
-    words = ("export", run, "--to", "lerobot", "--overwrite")
+    words: tuple[object, ...] = ("export", run, "--to", "lerobot", "--overwrite")
     done(*words)
     done(*words)
     (ours / "notes.txt").write_text("mine")

@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hardware.clock import MonotonicClock, VirtualClock
-from live_processes import PATIENCE_S, Performer, _free_port
+from live_processes import PATIENCE_S, Performer, free_port
 from messages import shows
 from retarget.cli import exit
 from retarget.cli.application import progress_bar
@@ -122,7 +122,7 @@ def asked(path: Path, word: str) -> dict[str, object] | str:
 def test_a_live_run_whose_terminal_takes_nothing_is_stopped_and_leaves_its_report(
     full_pipe: tuple[int, int], tmp_path: Path
 ) -> None:
-    port, control, report = _free_port(), tmp_path / "control", tmp_path / "report.json"
+    port, control, report = free_port(), tmp_path / "control", tmp_path / "report.json"
     performer = Performer(port)
     performer.start()
     words = ["--robot", "op3", "--source", f"json://127.0.0.1:{port}", "--bus", "mock", "--yes", "--countdown", "0.2"]

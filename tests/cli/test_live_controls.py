@@ -5,9 +5,9 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from itertools import count
 from pathlib import Path
-from unittest.mock import Mock
+from unittest.mock import Mock, create_autospec
 
 import numpy as np
 import pytest
@@ -54,12 +54,10 @@ class Script:
     """A control that asks by itself: what is due at each poll."""
 
     def __init__(self, due: Callable[[int], Sequence[tuple[ControlRequest, str]]]) -> None:
-        self._due, self._polls = due, 0
+        self._due, self._polls = due, count(1)
 
     def poll(self, now: float) -> Iterator[tuple[ControlRequest, str]]:
-        """See `Control`."""
-        self._polls += 1
-        yield from self._due(self._polls)
+        yield from self._due(next(self._polls))
 
 
 class Typed(Keyboard):
@@ -67,12 +65,10 @@ class Typed(Keyboard):
 
     def __init__(self, keys: Mapping[int, str], *, stick: KeyStick | None = None) -> None:
         super().__init__(stick=stick)
-        self._keys, self._looks = keys, 0
+        self._keys, self._looks = keys, count(1)
 
     def pressed(self) -> str:
-        """What is due at this look."""
-        self._looks += 1
-        return self._keys.get(self._looks, "")
+        return self._keys.get(next(self._looks), "")
 
 
 def grip(held: Callable[[int], bool]) -> Script:
@@ -118,13 +114,6 @@ def goals_of(result: RunResult) -> FloatArray:
     return result.record.robot.q[:, result.robot.servo_columns]
 
 
-@cache
-def clutched() -> tuple[LiveRig, RunResult, list[str]]:
-    """Let go during the approach, and for longer than a hold may last while it follows."""
-    held = grip(lambda poll: not any(begun <= (poll - 1) * DT < ended for begun, ended in LET_GO))
-    return played(held, seconds=SECONDS, dead_man=True)
-
-
 @pytest.mark.long
 def test_nothing_moves_before_it_is_held() -> None:
     stop = Script(lambda poll: [(ControlRequest.STOP, "enough")] if poll * DT > 2.0 else [])
@@ -133,18 +122,6 @@ def test_nothing_moves_before_it_is_held() -> None:
     assert len(goals) > 1.9 / DT and np.abs(goals - goals[0]).max() == 0.0
     assert set(states) == {"approach", "hold"}
     assert not (result.record.phase == Phase.FOLLOW).any()
-
-
-@pytest.mark.long
-def test_let_go_it_holds_within_two_ticks_and_stands_soon() -> None:
-    _, result, states = clutched()
-    steps = np.abs(np.diff(goals_of(result), axis=0)).max(axis=1)
-    for begun, ended in LET_GO:
-        first = round(begun / DT)
-        assert steps[first - 3 : first].max() > 1e-4, "it moved"
-        assert "hold" in states[first : first + 4], states[first - 1 : first + 8]
-        still = slice(first + round(0.35 / DT), first + round((ended - begun) / DT) - 1)
-        assert steps[still].max() == 0.0, begun
 
 
 @pytest.mark.long
@@ -175,45 +152,41 @@ def test_a_key_walks_and_a_dead_man_that_is_let_go_ends_the_walk_within_two_step
     shows(words[let_go - 10][1])
 
 
-@pytest.mark.long
-def test_taken_up_again_it_moves_within_limits_and_not_at_once() -> None:
-    _, result, _ = clutched()
-    goals, robot = goals_of(result), result.robot
-    assert robot is not None and result.record.robot is not None
-    joints = robot.joint_map
+def test_let_go_it_holds_within_two_ticks_taken_up_again_it_moves_slowly_and_the_run_goes_on() -> None:
+    """Let go during the approach, and for longer than a hold may last while it follows."""
+    held = grip(lambda poll: not any(begun <= (poll - 1) * DT < ended for begun, ended in LET_GO))
+    rig, result, states = played(held, seconds=SECONDS, dead_man=True)
+    goals, robot, sent, phases = goals_of(result), result.robot, result.record.robot, result.record.phase
+    assert robot is not None and sent is not None
+    steps = np.abs(np.diff(goals, axis=0)).max(axis=1)
+    for begun, ended in LET_GO:
+        first = round(begun / DT)
+        assert steps[first - 3 : first].max() > 1e-4, "it moved"
+        assert "hold" in states[first : first + 4], states[first - 1 : first + 8]
+        still = slice(first + round(0.35 / DT), first + round((ended - begun) / DT) - 1)
+        assert steps[still].max() == 0.0, begun
     velocity = np.diff(goals, axis=0) / DT
     acceleration = np.diff(velocity, axis=0) / DT
-    assert (np.abs(velocity) <= joints.max_velocity * 1.001).all()
-    assert (np.abs(acceleration) <= joints.max_acceleration * 1.001).all()
+    assert (np.abs(velocity) <= robot.joint_map.max_velocity * 1.001).all()
+    assert (np.abs(acceleration) <= robot.joint_map.max_acceleration * 1.001).all()
     # Back on the way of the approach slowly: no faster than it was laid out.
-    share = robot.profile.safety.speed_caps.approach
+    slowly = robot.profile.safety.speed_caps.approach * robot.joint_map.max_velocity * 1.05
     back = slice(round(LET_GO[0][1] / DT), round(LET_GO[0][1] / DT) + 40)
-    assert (np.abs(velocity[back]) <= share * joints.max_velocity * 1.05).all()
-    steps = np.abs(np.diff(goals, axis=0)).max(axis=1)
+    assert (np.abs(velocity[back]) <= slowly).all()
     again = round(LET_GO[1][1] / DT)
     assert steps[again : again + round(0.49 / DT)].max() == 0.0
     assert steps[again + round(0.5 / DT) :].max() > 0.0
-
-
-def test_a_hold_on_purpose_does_not_end_the_run_and_the_approach_is_gone_to_its_end() -> None:
-    rig, result, _ = clutched()
     assert result.stop is None and LET_GO[1][1] - LET_GO[1][0] > LONGEST_HOLD_S
     assert rig.said.count(GRIPS[False][1]) == 2 and rig.said.count(GRIPS[True][1]) == 3
-    phases = result.record.phase
     assert (phases[: round(LET_GO[0][0] / DT)] == Phase.APPROACH).all() and (phases == Phase.FOLLOW).any()
-    assert result.record.robot is not None
-    assert not result.record.robot.gated[phases == Phase.APPROACH].any()
+    assert not sent.gated[phases == Phase.APPROACH].any()
 
 
 def test_held_on_purpose_for_too_long_it_is_to_stop() -> None:
     rig = rigged()
     with rig.prepared() as prepared:
-        asked: dict[int, tuple[ControlRequest, str]] = {
-            2: (ControlRequest.HOLD, ""),
-            4: (ControlRequest.PAUSE, ""),
-            5: (ControlRequest.PAUSE, ""),
-        }
-        operator = operator_of(rig, prepared, Script(lambda poll: [asked[poll]] if poll in asked else []))
+        asked = {2: ControlRequest.HOLD, 4: ControlRequest.PAUSE, 5: ControlRequest.PAUSE}
+        operator = operator_of(rig, prepared, Script(lambda poll: [(asked[poll], "")] if poll in asked else []))
         seen = []
         for seconds in (0.0, 0.0, LONGEST_S - 1.0, 0.0, 0.0, LONGEST_S - 1.0, 1.1):
             rig.clock.advance(seconds)
@@ -272,21 +245,16 @@ def test_a_file_that_appears_stops_the_robot(tmp_path: Path) -> None:
     assert result.stop is not None and result.reason == result.stop.reason == f"{file} is there"
 
 
-class Unreadable(type(Path())):  # type: ignore[misc]
-    """A file of a drive that has failed, from some look on."""
-
-    failed = False
-
-    def lstat(self) -> os.stat_result:
-        """Fail to look."""
-        raise OSError(errno.EIO, os.strerror(errno.EIO)) if self.failed else FileNotFoundError
-
-
 @pytest.mark.long
 def test_a_file_that_cannot_be_looked_for_stops_the_robot_as_well() -> None:
     """It brakes and goes to rest as ever, and checks that fail meanwhile switch no torque off."""
-    file = Unreadable("stop")
-    _, result, _ = played(StopFile(file), each=lambda look, machine: setattr(file, "failed", look > 530))
+    file = create_autospec(Path("stop"), __str__=lambda file: "stop")
+    failed = OSError(errno.EIO, os.strerror(errno.EIO))
+
+    def each(look: int, machine: Machine) -> None:
+        file.lstat.side_effect = failed if look > 530 else FileNotFoundError
+
+    _, result, _ = played(StopFile(file), each=each)
     _, asked, _ = played(Typed({532: " "}))
     assert result.stop is not None and abs(len(result.record) - len(asked.record)) < 10
     assert result.stop.reason == f"stop cannot be looked for ({os.strerror(errno.EIO)})"
@@ -333,10 +301,8 @@ def test_a_stop_is_requested_before_anything_is_reported() -> None:
 
 def test_a_control_that_fails_hides_no_other() -> None:
     rig = rigged()
-    broken, socket = (
-        Mock(poll=Mock(side_effect=OSError("gone"))),
-        Script(lambda poll: [(ControlRequest.TORQUE_OFF, "cut it")]),
-    )
+    broken = Mock(poll=Mock(side_effect=OSError("gone")))
+    socket = Script(lambda poll: [(ControlRequest.TORQUE_OFF, "cut it")])
     with rig.prepared() as prepared:
         asked = operator_of(rig, prepared, broken, socket).poll(RunState.STANDING)
     assert asked == OperatorInput("cut it", torque_off=True, fault=(StopCause.SOURCE, "gone"))

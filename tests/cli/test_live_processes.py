@@ -20,11 +20,6 @@ ENDS_S = 4.5
 """As docs/stops.md promises."""
 
 
-def end_of(said: str) -> str:
-    """What the summary says from how the run ended on."""
-    return said[said.rindex(" end ") :]
-
-
 def stopped_within(live: Live, since: float) -> float:
     """When the last watchdog stopped its servo, s after a time; all twenty must have."""
     later = [time - since for time in live.tripped() if time >= since]
@@ -104,14 +99,11 @@ def test_unplugged_it_is_latched_and_the_servos_stop_by_themselves(tmp_path: Pat
     with live_run(tmp_path) as live:
         live.raise_arms()
         pulled = CLOCK.now()
-        assert live.emulator.stdin is not None
-        live.emulator.stdin.write(b"unplug\n")
-        live.emulator.stdin.flush()
+        live.type("unplug")
         code, said = live.ended(5.0)
         assert code == STOPPED, said
-        shows(end_of(said))
-        live.emulator.stdin.write(b"clear\n")
-        live.emulator.stdin.flush()
+        shows(said[said.rindex(" end ") :])
+        live.type("clear")
         CLOCK.sleep_until(CLOCK.now() + 0.2)
         assert live.registers(WATCHDOG) == [TRIPPED] * 20
         assert stopped_within(live, pulled) <= WATCHED_S

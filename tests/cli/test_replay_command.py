@@ -75,13 +75,13 @@ def test_a_robot_that_is_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     words = ("replay", recorded.path)
     own.rename(away)
     files = ("--save", tmp_path / "again.npz", "--report", tmp_path / "again.json")
-    for more in (files, ("--robot", away), ("--goals", "--bus", "mock")):
-        code, _, err = said_by(capsys, *words, *more)
+    for right in (files, ("--robot", away), ("--goals", "--bus", "mock")):
+        code, _, err = said_by(capsys, *words, *right)
         assert (code, err) == (DONE, "")
     assert (tmp_path / "again_body.xml").read_bytes() == (away / "body.xml").read_bytes()
     assert read_run(tmp_path / "again.npz").joint_names == read_run(recorded.path).joint_names
-    for more in (("--robot", "toddlerbot"), ("--goals", "--bus", tmp_path / "tty")):
-        shows(refused(*words, *more))
+    for wrong in (("--robot", "toddlerbot"), ("--goals", "--bus", tmp_path / "tty")):
+        shows(refused(*words, *wrong))
 
 
 @pytest.mark.long

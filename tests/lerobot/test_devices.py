@@ -1,11 +1,12 @@
-"""Both devices in their threads, in real time: readings before torque, errors where they belong, and an end that is
-always reached."""
+"""Both devices in their threads, in real time."""
 
 import re
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
+from unittest.mock import Mock
 
 import pytest
 
@@ -38,6 +39,7 @@ class Bench:
     make: Callable[[RobotBody, Clock], ServoBus] = mock_bus
     torque_on: int = 0
     closed: int = 0
+    hangs: bool = False
     said: list[str] = field(default_factory=list)
     free: threading.Event = field(default_factory=threading.Event)  # cleared: the bus hangs
 
@@ -53,6 +55,7 @@ class Bench:
             torque(on)
 
         def hanging() -> ServoStates:
+            self.hangs = not self.free.is_set()
             self.free.wait()
             return read()
 
@@ -75,6 +78,20 @@ def wait_for(done: Callable[[], bool], *, seconds: float = 20.0, each: Callable[
         assert CLOCK.now() < end, "it takes too long"
         each()
         CLOCK.sleep_until(CLOCK.now() + 1.0 / 30.0)
+
+
+def running_thread() -> threading.Thread:
+    [thread] = [thread for thread in threading.enumerate() if thread.name == "retarget"]
+    return thread
+
+
+def followed(device: HumanoidDevice, **moved: float) -> dict[str, float]:
+    """Connect, and send a target until it is followed: where the robot stands, but for some joints."""
+    device.connect()
+    observed = device.observation()
+    target = {key: observed[key] + moved.get(key.removesuffix(".pos"), 0.0) for key in device.action_features}
+    wait_for(lambda: device.connection.state is RunState.FOLLOW, each=lambda: device.send(target))
+    return target
 
 
 @pytest.fixture
@@ -106,10 +123,7 @@ def test_there_is_a_reading_without_torque_and_an_end_without_an_action(device: 
 
 
 def test_a_bus_that_cannot_be_opened_is_the_error_of_connect() -> None:
-    def broken(robot: RobotBody, clock: Clock) -> ServoBus:
-        raise BusError("no such port", where="/dev/ttyUSB9")
-
-    device = Bench(make=broken).device()
+    device = Bench(make=Mock(side_effect=BusError("no such port", where="/dev/ttyUSB9"))).device()
     with refuses(BusError, "/dev/ttyUSB9"):
         device.connect()
     assert not device.connection.is_connected
@@ -117,10 +131,8 @@ def test_a_bus_that_cannot_be_opened_is_the_error_of_connect() -> None:
 
 
 def test_what_the_program_opened_is_closed_where_connect_fails() -> None:
-    def dead(robot: RobotBody, clock: Clock) -> ServoBus:
-        return mock_bus(robot, clock, faults=(MockFault(FaultKind.MISSING, 0, 10**6, servo=2),))
-
-    bench = Bench(make=dead)
+    dead = MockFault(FaultKind.MISSING, 0, 10**6, servo=2)
+    bench = Bench(make=partial(mock_bus, faults=(dead,)))
     device = bench.device()
     for tries in (1, 2):
         with refuses(GuardError, "does not answer"):
@@ -132,7 +144,7 @@ def test_ctrl_c_at_any_instant_of_disconnect_does_not_escape(
     device: HumanoidDevice, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device.connect()
-    [thread] = [thread for thread in threading.enumerate() if thread.name == "retarget"]
+    thread = running_thread()
     alive, pressed = thread.is_alive, iter([True, True])
 
     def interrupted() -> bool:
@@ -150,6 +162,7 @@ def test_a_run_that_does_not_end_stays_the_only_one(
 ) -> None:
     device.connect()
     bench.free.clear()
+    wait_for(lambda: bench.hangs)
     with monkeypatch.context() as impatient:
         impatient.setattr(background, "JOIN_S", 0.3)
         device.disconnect()
@@ -164,10 +177,7 @@ def test_a_run_that_does_not_end_stays_the_only_one(
 
 @pytest.mark.long
 def test_it_follows_refuses_and_goes_to_rest(device: HumanoidDevice, bench: Bench) -> None:
-    device.connect()
-    target = {key: value for key, value in device.observation().items() if key in device.action_features}
-    target["head_pan.pos"] += 0.2
-    wait_for(lambda: device.connection.state is RunState.FOLLOW, each=lambda: device.send(target))
+    target = followed(device, head_pan=0.2)
     assert bench.torque_on == 1
     with refuses(InputError, "head_pan.pos"):
         device.send(target | {"head_pan.pos": float("nan")})
@@ -185,9 +195,7 @@ def test_it_follows_refuses_and_goes_to_rest(device: HumanoidDevice, bench: Benc
 
 @pytest.mark.long
 def test_without_actions_it_stops_and_says_why(device: HumanoidDevice, bench: Bench) -> None:
-    device.connect()
-    target = {key: value for key, value in device.observation().items() if key in device.action_features}
-    wait_for(lambda: device.connection.state is RunState.FOLLOW, each=lambda: device.send(target))
+    target = followed(device)
     wait_for(lambda: device.connection.state is RunState.OFF, seconds=30.0)
     with refuses(GuardError, "send_action", 200, varies=re.compile(r"for [\d.]+ s")):
         device.send(target)
@@ -198,10 +206,8 @@ def test_without_actions_it_stops_and_says_why(device: HumanoidDevice, bench: Be
 def test_ctrl_c_while_it_goes_to_rest_switches_torque_off(
     device: HumanoidDevice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    device.connect()
-    target = {key: value for key, value in device.observation().items() if key in device.action_features}
-    wait_for(lambda: device.connection.state is RunState.FOLLOW, each=lambda: device.send(target))
-    [thread] = [thread for thread in threading.enumerate() if thread.name == "retarget"]
+    followed(device)
+    thread = running_thread()
     join, pressed = thread.join, iter([True])
 
     def interrupted(timeout: float | None = None) -> None:
@@ -239,21 +245,15 @@ def test_a_performer_gives_every_key_of_the_robot(bench: Bench) -> None:
     assert not device.connection.is_connected
 
 
-@dataclass
-class Hanging(Operator):
-    """Blocks the thread of a run while it is not free."""
-
-    free: threading.Event
-
-    def poll(self, state: RunState | None) -> OperatorInput:
-        self.free.wait()
-        return OperatorInput()
-
-
 def test_a_performer_whose_thread_hangs_gives_no_goals() -> None:
     free = threading.Event()
     free.set()
-    device = performer(end=0.2, delay_s=100.0, operator=Hanging(free))
+
+    def poll(state: RunState | None) -> OperatorInput:
+        free.wait()
+        return OperatorInput()
+
+    device = performer(end=0.2, delay_s=100.0, operator=Mock(poll=poll))
     device.connect()
     device.action()
     free.clear()

@@ -63,15 +63,15 @@ class Performer(threading.Thread):
         self._port = port
 
     def run(self) -> None:
-        """Send in real time."""
         _in_front()
+        lifted_by = np.array([0.45, 0.0, 0.5])
         due, chance = CLOCK.now(), np.random.default_rng(5)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
             while not self.done.is_set():
                 lifted = 0.5 - 0.5 * math.cos(math.pi * max((due - self.raise_at) / RAISE_S, 0.0))
-                lift = {"l_wrist": np.array([0.45, 0.0, 0.5]) * lifted, "r_wrist": np.array([0.45, 0.0, 0.5]) * lifted}
                 poses = {
-                    name: np.array(at) + lift.get(name, 0.0) + chance.normal(0.0, 2e-4, 3) for name, at in STILL.items()
+                    name: np.array(at) + lifted * lifted_by * ("wrist" in name) + chance.normal(0.0, 2e-4, 3)
+                    for name, at in STILL.items()
                 }
                 out.sendto(encoded(due, poses), ("127.0.0.1", self._port))
                 due += 1.0 / HZ
@@ -105,6 +105,12 @@ class Live:
         """What it said on stdout before it ended, or nothing."""
         return "" if self.run.poll() is None else self.run.communicate()[0].decode()
 
+    def type(self, line: str) -> None:
+        """To the emulator."""
+        assert self.emulator.stdin is not None
+        self.emulator.stdin.write(f"{line}\n".encode())
+        self.emulator.stdin.flush()
+
     def raise_arms(self) -> None:
         """Let the performer begin, and wait until the robot is well on its way, faster and faster."""
         CLOCK.sleep_until(CLOCK.now() + BLENDED_S)
@@ -133,15 +139,18 @@ class Live:
                         os.write(fill, b"x" * size)
             os.close(fill)
 
+    def _wire(self, kind: str) -> list[list[str]]:
+        """What follows the kind of a complete line of the emulator's log."""
+        rows = [line.split() for line in self.log.read_text(encoding="ascii").splitlines()]
+        return [row[1:] for row in rows if row[0] == kind]
+
     def sent(self) -> list[tuple[float, bytes]]:
         """What the run has put on the wire, and when, s."""
-        rows = [line.split() for line in self.log.read_text(encoding="ascii").splitlines()]
-        return [(float(row[1]), bytes.fromhex(row[2])) for row in rows if row[0] == "heard" and len(row) == 3]
+        return [(float(row[0]), bytes.fromhex(row[1])) for row in self._wire("heard") if len(row) == 2]
 
     def tripped(self) -> list[float]:
         """When bus watchdogs stopped servos, s."""
-        rows = [line.split() for line in self.log.read_text(encoding="ascii").splitlines()]
-        return [float(row[1]) for row in rows if row[0] == "tripped"]
+        return [float(row[0]) for row in self._wire("tripped")]
 
     def registers(self, where: tuple[int, int]) -> list[int]:
         """Values of a register of servos 1 to 20, read one by one; no other process may have the port."""
@@ -156,29 +165,23 @@ class Live:
         return found
 
 
-def _goals(sent: Sequence[tuple[float, bytes]]) -> Iterator[tuple[float, dict[int, int]]]:
-    """Times (s) and goal ticks by id, as sent to all servos."""
-    parser = protocol2.parser()
-    for time, data in sent:
-        for frame in parser.feed(data):
-            if frame.code == SYNC_WRITE and frame.params[:4] == GOALS and len(frame.params) > 54:
-                items = range(4, len(frame.params) - 4, 5)
-                yield time, {frame.params[k]: unpack_from("<i", frame.params, k + 1)[0] for k in items}
-
-
 def goal_speeds(sent: Sequence[tuple[float, bytes]]) -> tuple[FloatArray, FloatArray]:
     """Times (T,) s of goals and the speeds (T, n) that they ask of the servos, ticks per goal. A goal that is sent
     again at once, as on a noisy line, is one goal."""
     writes: list[tuple[float, dict[int, int]]] = []
-    for time, goals in _goals(sent):
-        if not (writes and goals == writes[-1][1] and time - writes[-1][0] < AGAIN_S):
-            writes.append((time, goals))
+    parser = protocol2.parser()
+    for time, frame in ((time, frame) for time, data in sent for frame in parser.feed(data)):
+        if frame.code == SYNC_WRITE and frame.params[:4] == GOALS and len(frame.params) > 54:
+            items = range(4, len(frame.params) - 4, 5)
+            goals = {frame.params[k]: unpack_from("<i", frame.params, k + 1)[0] for k in items}
+            if not (writes and goals == writes[-1][1] and time - writes[-1][0] < AGAIN_S):
+                writes.append((time, goals))
     ids = sorted(set.intersection(*[set(goals) for _, goals in writes]))
     ticks = np.array([[goals[device] for device in ids] for _, goals in writes], dtype=np.float64)
     return np.array([time for time, _ in writes][1:]), np.diff(ticks, axis=0)
 
 
-def _free_port() -> int:
+def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -190,7 +193,7 @@ def _in_front() -> None:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
 
 
-def _heard_by_signals() -> None:
+def _signals_received() -> None:
     """A shell's background job ignores Ctrl-C, and so would its children."""
     _in_front()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
@@ -212,23 +215,17 @@ def _skip_if_busy(link: Path) -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     late, load = float(np.percentile(took, 90)), os.getloadavg()[0] / (os.cpu_count() or 1)
     if late > ANSWERED_S or load > MOST_LOAD:
-        pytest.skip(
-            f"too busy: servos answer {1e3 * late:.1f} ms after they were asked, {load:.1f} processes for a core"
-        )
+        pytest.skip(f"too busy: servos answer after {1e3 * late:.1f} ms, {load:.1f} processes for a core")
 
 
 @contextmanager
 def live_run(folder: Path) -> Iterator[Live]:
     """A robot that follows a performer who stands; all processes end with it."""
-    link, log, port = folder / "op3", folder / "wire.txt", _free_port()
+    link, log, port = folder / "op3", folder / "wire.txt", free_port()
     tap = Path(__file__).with_name("emulated.py")
     emulate = [sys.executable, str(tap), str(log), "--robot", "op3", "--link", str(link)]
     emulator = subprocess.Popen(
-        emulate,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        preexec_fn=_in_front,
+        emulate, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, preexec_fn=_in_front
     )
     performer = Performer(port)
     assert emulator.stdout is not None
@@ -243,7 +240,7 @@ def live_run(folder: Path) -> Iterator[Live]:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            preexec_fn=_heard_by_signals,
+            preexec_fn=_signals_received,
         )
         live = Live(running, emulator, performer, link, log)
         live.wait_for("the performer is followed")
