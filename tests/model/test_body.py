@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from followers import DT, op3
+from followers import DT, op3, shipped
 from messages import Facts, refuses, shows
 from observed import ALL_JOINTS_MJCF, TWO_LINK_URDF
 from retarget import _solver
@@ -33,10 +33,8 @@ from retarget.model.body_xml import MAX_BYTES, MAX_LINKS
 from retarget.model.compile_limits import MEMORY, try_in_child
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import proportional_dimensions
-from retarget.model.robot import load_robot
 from retarget.robot.landmarks import robot_frames
 from retarget.schema.catalogue import shipped_folder
-from retarget.types import FloatArray
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +98,9 @@ def test_the_solver_moves_the_body_as_mujoco_does(text: str) -> None:
     assert_allclose(solver.rest(), model.qpos0)
     rng = np.random.default_rng(3)
     for _ in range(5):
-        data.qpos[:] = posture = _random_posture(model, rng)
+        posture = np.array(model.qpos0)
+        mujoco.mj_integratePos(model, posture, rng.normal(size=model.nv), 1.0)
+        data.qpos[:] = posture
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         position, quat = solver.forward(posture)
@@ -114,32 +114,24 @@ def test_the_solver_moves_the_body_as_mujoco_does(text: str) -> None:
         assert_allclose(solver.frame_jacobian(posture, last, tuple(point)), np.vstack([linear, angular]), atol=1e-12)
 
 
-def _random_posture(model: mujoco.MjModel, rng: np.random.Generator) -> FloatArray:
-    posture = np.array(model.qpos0)
-    mujoco.mj_integratePos(model, posture, rng.normal(size=model.nv), 1.0)
-    return posture
+@pytest.mark.parametrize(
+    ("robot", "light", "heavy"),
+    [
+        ("op3", {"head_pan", "head_tilt"}, {"l_sho_pitch", "l_el", "l_knee", "r_hip_roll"}),
+        ("wolfgang", {"HeadPan", "HeadTilt"}, {"LShoulderPitch", "LElbow", "LKnee", "RHipRoll"}),
+        ("toddlerbot", {"neck_yaw", "neck_pitch"}, {"left_elbow_roll", "left_knee", "waist_roll"}),
+        ("poppy", {"head_y", "head_z"}, {"l_knee_y", "l_shoulder_x", "abs_y"}),
+    ],
+)
+def test_heads_are_light_and_legs_and_trunks_are_not(robot: str, light: set[str], heavy: set[str]) -> None:
+    body = shipped(robot).body
+    names = {body.dof_names[dof] for dof in low_inertia_joints(body, robot_frames(shipped(robot)))}
+    assert names >= light and not names & heavy
 
 
 def test_unknown_names_are_refused() -> None:
     with refuses(ConfigError):
         joint_weights(build_human(proportional_dimensions(1.7)).body, [("l_nkee", 1.0)], default=1.0)
-
-
-@pytest.mark.parametrize(
-    ("robot", "light", "heavy"),
-    [
-        ("op3", ("head_pan", "head_tilt"), ("l_sho_pitch", "l_el", "l_knee", "r_hip_roll")),
-        ("wolfgang", ("HeadPan", "HeadTilt"), ("LShoulderPitch", "LElbow", "LKnee", "RHipRoll")),
-        ("toddlerbot", ("neck_yaw", "neck_pitch"), ("left_elbow_roll", "left_knee", "waist_roll")),
-        ("poppy", ("head_y", "head_z"), ("l_knee_y", "l_shoulder_x", "abs_y")),
-    ],
-)
-def test_heads_are_light_and_legs_and_trunks_are_not(
-    robot: str, light: tuple[str, ...], heavy: tuple[str, ...]
-) -> None:
-    body = load_robot(robot).body
-    names = {body.dof_names[dof] for dof in low_inertia_joints(body, robot_frames(load_robot(robot)))}
-    assert names >= set(light) and not names & set(heavy)
 
 
 @pytest.mark.parametrize("without", [[], [0], [3, 1]])
@@ -174,42 +166,29 @@ FREE_MJCF = """<mujoco><worldbody><body name="base"><freejoint name="root"/><geo
   <keyframe><key qpos="0 0 1 1 0 0 0 0.5"/></keyframe></mujoco>"""
 
 
-def test_a_urdf_keeps_every_link_and_stays_fixed_unless_asked() -> None:
+def test_a_urdf_keeps_every_link_and_stays_fixed_unless_the_caller_frees_it() -> None:
     file = compile_body_text(TWO_LINK_URDF, source="robot.urdf")
     names = [file.model.body(i).name for i in range(file.model.nbody)]
     assert names == ["world", "base", "arm", "tip"]
     assert file.root == "fixed" and file.model.nv == 1 and file.notes == ()
-
-
-def test_a_urdf_whose_root_link_is_the_world_gets_its_free_root_on_the_link_above() -> None:
-    urdf = TWO_LINK_URDF.replace(
-        '<link name="tip"/>',
-        '<link name="tip"/><link name="world"/>'
-        '<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint>',
-    )
+    # A root link that is the world: the free root is on the link above.
+    weld = '<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint>'
+    urdf = TWO_LINK_URDF.replace('<link name="tip"/>', '<link name="tip"/><link name="world"/>' + weld)
     body = load_body_text(urdf, source="robot.urdf", root="free")
     assert body.nv == 7 and body.frame("base").body == 1
 
 
-@pytest.mark.parametrize("root", ["fixed", "suspended"])
-def test_a_free_root_is_removed_when_the_robot_is_bolted_down(root: str) -> None:
-    body = load_body_text(FREE_MJCF, source="robot.xml", root=root)  # type: ignore[arg-type]
-    assert body.root == root and body.dof_names == ("swing",)
-    assert any("removed" in note for note in body.notes)
-
-
-def test_missing_meshes_of_a_urdf_are_left_out_with_a_note() -> None:
+def test_a_removed_root_missing_meshes_loops_and_tendons_are_named_in_notes() -> None:
+    for root in ("fixed", "suspended"):
+        body = load_body_text(FREE_MJCF, source="robot.xml", root=root)  # type: ignore[arg-type]
+        assert body.root == root and body.dof_names == ("swing",)
+        assert any("removed" in note for note in body.notes)
     shape = '<collision><geometry><mesh filename="package://absent/arm.stl"/></geometry></collision></link>'
-    urdf = TWO_LINK_URDF.replace("</link><!-- arm -->", shape)
-    body = load_body_text(urdf, source="robot.urdf")
+    body = load_body_text(TWO_LINK_URDF.replace("</link><!-- arm -->", shape), source="robot.urdf")
     assert body.total_mass == pytest.approx(3.0) and any("mesh" in note for note in body.notes)
-
-
-def test_loops_and_tendons_are_named_in_notes() -> None:
     extra = """<equality><joint name="coupled" joint1="swing"/></equality>
       <tendon><fixed name="cord"><joint joint="swing" coef="1"/></fixed></tendon></mujoco>"""
-    notes = " ".join(load_body_text(FREE_MJCF.replace("</mujoco>", extra), source="robot.xml").notes)
-    shows(notes, 1)
+    shows(" ".join(load_body_text(FREE_MJCF.replace("</mujoco>", extra), source="robot.xml").notes), 1)
 
 
 @pytest.mark.parametrize(
@@ -239,38 +218,25 @@ def test_two_root_links_cannot_be_set_free() -> None:
     mjcf = "<mujoco><worldbody>" + '<body><joint/><geom size="1"/></body>' * 2 + "</worldbody></mujoco>"
     with refuses(InputError):
         load_body_text(mjcf, source="two.xml", root="free")
+    one = mjcf.replace("</body><body>", "</body><!--").replace("</body></w", "--></w")
     with refuses(InputError):
-        load_body_text(
-            mjcf.replace("</body><body>", "</body><!--").replace("</body></w", "--></w"), source="one.xml", root="free"
-        )
+        load_body_text(one, source="one.xml", root="free")
 
 
 def test_bad_files_are_refused(tmp_path: Path) -> None:
-    binary, latin, empty, huge, chain = (
-        tmp_path / f"{name}.xml" for name in ("binary", "latin", "empty", "huge", "chain")
-    )
-    chain.write_text('<robot name="a"><link name="b"/></robot>'.replace("<link", 3000 * '<link name="c"/>' + "<link"))
-    binary.write_bytes(bytes(range(256)))
-    latin.write_bytes(TWO_LINK_URDF.replace("arm", "\xe9").encode("latin-1"))
-    empty.write_bytes(b"")
-    with huge.open("wb") as stream:
-        stream.truncate(MAX_BYTES + 1)
-    bad: list[tuple[Path, Facts]] = [
-        (binary, ()),
-        (latin, ()),
-        (empty, 0),
-        (huge, ()),
-        (chain, (3001, MAX_LINKS)),
-        (tmp_path, ()),
-        (tmp_path / "absent.xml", ()),
-    ]
-    for path, facts in bad:
-        with refuses(InputError, facts) as error:
-            load_body(path)
-        assert str(path) in str(error.value)
+    chain = '<robot name="a">' + 3000 * '<link name="c"/>' + '<link name="b"/></robot>'
+    latin = TWO_LINK_URDF.replace("arm", "\xe9").encode("latin-1")
+    contents = {"binary": bytes(range(256)), "latin": latin, "empty": b"", "huge": bytes(MAX_BYTES + 1)}
+    facts: dict[str, Facts] = {"empty.xml": 0, "chain.xml": (3001, MAX_LINKS)}
+    for name, content in (contents | {"chain": chain.encode()}).items():
+        (tmp_path / f"{name}.xml").write_bytes(content)
+    for name in ("binary.xml", "latin.xml", "empty.xml", "huge.xml", "chain.xml", ".", "absent.xml"):
+        with refuses(InputError, facts.get(name, ())) as error:
+            load_body(tmp_path / name)
+        assert str(tmp_path / name) in str(error.value)
 
 
-# Sizes told in a few bytes, and what a child process finds.
+# Large sizes in a few bytes, and what a child process finds.
 
 SIZED = """<mujoco>{size}<asset>{asset}</asset><worldbody>
 <body name="link"><joint/><geom size="0.1"/>{link}</body>{world}
@@ -297,12 +263,7 @@ WHOLE = {"size": "", "asset": "", "link": "", "world": "", "rest": ""}
         ("link", '<composite type="cable" count="90000 1 1"/>', 2, "count"),
         ("link", '<camera name="c" resolution="90000 90000"/>', 2, "resolution"),
         ("rest", '<sensor><user name="u" dim="1000000000"/></sensor>', 3, "dim"),
-        (
-            "rest",
-            '<sensor><clock/></sensor><worldbody><replicate count="9"><site/></replicate></worldbody>',
-            3,
-            "<clock>",
-        ),
+        ("rest", "<sensor><clock/></sensor>" + COPIED, 3, "<clock>"),
         ("rest", '<size xmlns="elsewhere" nkey="2000000000"/>', 3, "nkey"),
     ],
 )
@@ -321,10 +282,9 @@ def test_a_size_that_no_robot_needs_is_refused_with_its_line(
 
 
 def test_links_are_counted_as_often_as_they_are_repeated(tmp_path: Path) -> None:
-    (tmp_path / "main.xml").write_text(
-        '<mujoco><worldbody><replicate count="600"><include file="leg.xml"/></replicate></worldbody></mujoco>'
-    )
-    (tmp_path / "leg.xml").write_text('<mujocoinclude><body><joint/><geom size="1"/></body></mujocoinclude>')
+    leg, legs = '<body><joint/><geom size="1"/></body>', '<replicate count="600"><include file="leg.xml"/></replicate>'
+    (tmp_path / "main.xml").write_text(f"<mujoco><worldbody>{legs}</worldbody></mujoco>")
+    (tmp_path / "leg.xml").write_text(f"<mujocoinclude>{leg}</mujocoinclude>")
     with refuses(InputError, 600, MAX_LINKS):
         load_body(tmp_path / "main.xml")
 
@@ -335,10 +295,6 @@ def test_sizes_that_robots_have_are_read() -> None:
     legs = '<replicate count="3" euler="0 0 60"><body pos="1 0 0"><joint/><geom size="0.1"/></body></replicate>'
     body = load_body_text(SIZED.format(**{**WHOLE, "size": few, "asset": texture, "world": legs}), source="robot.xml")
     assert len(body.body_names) == 1 + 1 + 3
-
-
-def take_memory() -> None:
-    bytearray(2 * MEMORY)
 
 
 def take_time() -> None:
@@ -354,7 +310,7 @@ def refuse() -> None:
 @pytest.mark.parametrize(
     ("work", "facts"),
     [
-        (take_memory, "1000 MB"),
+        (lambda: bytearray(2 * MEMORY), "1000 MB"),
         (take_time, "30 s of a processor"),
         (refuse, ("a:1", "a:2")),
         (partial(signal.raise_signal, signal.SIGTERM), "(-15)"),

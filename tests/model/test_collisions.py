@@ -22,13 +22,10 @@ from retarget.run.options import RunOptions
 from retarget.schema.scene import load_scene
 from sim.performer import synthetic_performer
 
-SHORT = RunOptions("op3", playback=Playback(end=2.0))
-BRIEF = RunOptions("op3", playback=Playback(end=1.0))
-
 
 @pytest.fixture(scope="module")
 def free() -> Motion:
-    return play(synthetic_performer(), SHORT)
+    return play(synthetic_performer(), RunOptions("op3", playback=Playback(end=2.0)))
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +49,7 @@ def test_what_is_placed_is_met_by_the_arms_alone_and_clear_at_the_start(free: Mo
 
 @pytest.mark.long
 def test_every_recording_gets_its_rows() -> None:
-    found = list(measured("demo", synthetic_performer(), BRIEF))
+    found = list(measured("demo", synthetic_performer(), RunOptions("op3", playback=Playback(end=1.0))))
     rows = [row for row in found if isinstance(row, Row)]
     assert [row.scene == "free" for row in rows] == [True, False]
     assert rows[1].scene_mm is not None

@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from followers import ROBOTS, shipped
 from retarget import rotations
 from retarget.model.body import Geom, load_body_text
 from retarget.model.meshes import LEFT, MIDDLE, RIGHT, rgb, side_colours, solid_body
-from retarget.model.robot import RobotBody, load_robot
+from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
 
-ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
 FARTHEST = 0.015
 """What is drawn of a link may stand out by so much, m, of what collides of it or of the link that carries it: a bracket
 turns about a servo of the other."""
@@ -20,7 +20,7 @@ turns about a servo of the other."""
 
 @pytest.fixture(params=ROBOTS)
 def robot(request: pytest.FixtureRequest) -> RobotBody:
-    return load_robot(request.param)
+    return shipped(request.param)
 
 
 def test_looks_change_no_mass_and_touch_nothing(robot: RobotBody) -> None:

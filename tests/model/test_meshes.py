@@ -4,23 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from followers import dimensions, performer
+from followers import ROBOTS, dimensions, op3, performer, shipped
 from retarget.model.body import load_body_text
 from retarget.model.human import build_human
-from retarget.model.meshes import (
-    LEFT,
-    MIDDLE,
-    MOST_TRIANGLES,
-    RIGHT,
-    Mesh,
-    SolidBody,
-    link_meshes,
-    shape_mesh,
-    side_colours,
-)
-from retarget.model.robot import load_robot
+from retarget.model.meshes import LEFT, MIDDLE, MOST_TRIANGLES, RIGHT, Mesh, link_meshes, shape_mesh, side_colours
 from retarget.model.scene_shapes import ShapeKind
-from retarget.types import FloatArray
 
 SHAPES = """
 <mujoco><asset><mesh name="wedge" vertex="0 0 0  .1 0 0  0 .2 0  0 0 .3"/></asset><worldbody>
@@ -36,7 +24,7 @@ def volume(mesh: Mesh) -> float:
 
 
 def is_closed(mesh: Mesh) -> bool:
-    """Whether every edge of a face is one of another face, the other way round."""
+    """True if every edge of a face is one of another face, the other way round."""
     _, index = np.unique(np.round(mesh.vertices, 9), axis=0, return_inverse=True)
     faces = index.reshape(-1)[mesh.faces]
     edges = [(int(face[i]), int(face[(i + 1) % 3])) for face in faces for i in range(3)]
@@ -79,45 +67,31 @@ def test_triangles_lie_on_the_surface_of_the_shape_that_is_for_looking_at(geom: 
     assert part == (1, None) and is_closed(mesh)
     assert 0.93 * expected < volume(mesh) <= 1.0001 * expected
     points = np.concatenate([mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1)])
-    off = distances(SHAPES.format(geom), points)
-    within = 0.011 if "box" in geom else 2e-4
-    assert off.max() < 2e-4 and off[: len(mesh.vertices)].min() > -within and off.min() > -max(within, 0.006)
-
-
-def distances(text: str, points: FloatArray) -> FloatArray:
-    """Distance, m, of points on the link from the last shape of a body, negative inside."""
-    spec = mujoco.MjSpec.from_string(text)
+    spec = mujoco.MjSpec.from_string(SHAPES.format(geom))
     probe = spec.worldbody.add_body(name="probe", mocap=True)
     probe.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[1e-5, 0, 0])
     model = spec.compile()
-    data = mujoco.MjData(model)
-    tip = model.body("probe").geomadr[0]
-    shown = model.body("link").geomadr[0] + model.body("link").geomnum[0] - 1
-    found = []
+    data, found = mujoco.MjData(model), list[float]()
+    tip, shown = model.body("probe").geomadr[0], model.body("link").geomadr[0] + model.body("link").geomnum[0] - 1
     for point in points + np.array([0.0, 0.0, 1.0]):
         data.mocap_pos[0] = point
         mujoco.mj_forward(model, data)
         found.append(mujoco.mj_geomDistance(model, data, shown, tip, 1.0, None) + 1e-5)
-    return np.array(found)
-
-
-def bodies() -> dict[str, SolidBody]:
-    return {name: load_robot(name).solid for name in ("op3", "poppy", "toddlerbot", "wolfgang")} | {
-        "human": build_human(dimensions(performer())).solid
-    }
+    off, within = np.array(found), 0.011 if "box" in geom else 2e-4
+    assert off.max() < 2e-4 and off[: len(mesh.vertices)].min() > -within and off.min() > -max(within, 0.006)
 
 
 @pytest.mark.long
 def test_bodies_to_draw_are_whole_and_small() -> None:
-    for name, solid in bodies().items():
+    human = build_human(dimensions(performer())).solid
+    for solid in (*(shipped(name).solid for name in ROBOTS), human):
         drawn = solid.as_json()
-        assert 300 < sum(len(mesh["faces"]) for mesh in drawn["meshes"]) / 3 <= MOST_TRIANGLES, name
+        assert 300 < sum(len(mesh["faces"]) for mesh in drawn["meshes"]) / 3 <= MOST_TRIANGLES
         assert {mesh["link"] for mesh in drawn["meshes"]} == set(range(len(solid.links)))
         for mesh in drawn["meshes"]:
             assert max(mesh["faces"]) < len(mesh["vertices"]) / 3 and all(0.0 <= part <= 1.0 for part in mesh["colour"])
-        poses = solid.poses(np.zeros((0, 7)))
-        assert len(poses) == 0
-    assert 1.5 < bodies()["human"].height < 1.9
+        assert len(solid.poses(np.zeros((0, 7)))) == 0
+    assert 1.5 < human.height < 1.9
 
 
 @pytest.mark.long
@@ -135,9 +109,9 @@ def test_a_dense_mesh_of_a_file_is_thinned_and_keeps_its_place() -> None:
 
 
 def test_the_sides_of_a_robot_are_those_of_its_limbs() -> None:
-    robot = load_robot("op3")
-    colours = side_colours(robot.body, {name: robot.frame(name).body for name in robot.profile.frames})
-    for colour, name in zip(colours, robot.body.body_names, strict=True):
+    body = op3().body
+    colours = side_colours(body, {name: op3().frame(name).body for name in op3().profile.frames})
+    for colour, name in zip(colours, body.body_names, strict=True):
         assert colour == {"l_": LEFT, "r_": RIGHT}.get(name[:2], MIDDLE), name
 
 
@@ -158,17 +132,13 @@ def test_what_joins_links_is_as_thick_as_the_body_is_tall_however_many_frames_ar
     assert 0.01 < rod[:, 2].max() < 0.03 and rod[:, 1].max() > 0.3, "from joint to joint"
 
 
-def test_shapes_that_are_fixed_to_a_link_are_its_own() -> None:
+def test_shapes_that_are_fixed_to_a_link_are_its_own_and_an_end_without_is_drawn_to_what_is_fixed_to_it() -> None:
     """A mesh on a link that is welded to one without any: nothing else joins it."""
     shell = '<body name="shell" pos="0 .15 0"><geom type="box" size=".02 .15 .02" contype="0" conaffinity="0"/></body>'
     text = LIMB.format("").replace('<joint axis="1 0 0"/>', '<joint axis="1 0 0"/>' + shell, 1)
     body = load_body_text(text, source="test")
-    upper, of_shell = body.body_names.index("upper"), body.body_names.index("shell")
-    drawn = {link for link, _ in link_meshes(body)}
-    assert of_shell in drawn and upper not in drawn
-
-
-def test_the_end_of_a_limb_without_shapes_is_drawn_to_what_is_fixed_to_it() -> None:
+    drawn = {body.body_names[link] for link, _ in link_meshes(body)}
+    assert "shell" in drawn and "upper" not in drawn
     inertial = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
     hand = f'<body name="wrist" pos="0 .3 0"><joint/>{inertial}<body name="hand" pos="0 .1 0"/></body>'
     body = load_body_text(LIMB.format(hand), source="test")

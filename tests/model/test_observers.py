@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import followers
-from followers import op3
+from followers import ROBOTS, op3, shipped, stance
 from gated_robot import GatedRobot
 from messages import refuses, shows
-from observed import Rig, act, aim, ball, binding, chain, rig, robot, scene_of, without_observers
+from observed import act, aim, ball, binding, chain, rig, robot, scene_of, without_observers
 from observed import human as observers_idle_human
 from people import thinned
 from physics_rig import PhysicsRig, ticks
@@ -22,7 +22,7 @@ from retarget.errors import ConfigError, UsageError
 from retarget.human.calibration import calibrate
 from retarget.human.reconstruction import Reconstructor
 from retarget.ik.support_polygon import plant
-from retarget.model.body import BodyModel, load_body_text
+from retarget.model.body import load_body_text
 from retarget.model.human import Human, PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.model.observers import (
@@ -45,12 +45,9 @@ from retarget.safety.clearance import refuse_floor
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import ObserverSettings, Priorities, load_priorities
 from retarget.schema.profile_parts import Observer
-from retarget.schema.scene import Scene, load_scene, on_floor
+from retarget.schema.scene import on_floor
 from retarget.types import FloatArray
 from sim.performer import synthetic_performer
-
-LINES = [f"{side}_{joint}" for joint in ("shoulder", "elbow", "hip", "knee") for side in ("l", "r")]
-FAR_ENDS = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
 
 
 @cache
@@ -71,14 +68,15 @@ def test_lines_go_from_joint_to_joint(posture: str) -> None:
     made, q = human_observers(human(), ObserverSettings(human="lines_and_head")), human().posture(posture)
     assert made is not None
     position, quat = placed(human().body, made, q)
-    joints = PostureReader(human()).joints(q[None])[0]
-    for k, name in enumerate(LINES):
-        side, joint = name.split("_")
-        ends = [joints[POINTS.index(f"{side}_{part}")] for part in (joint, FAR_ENDS[joint])]
+    joints, ends = PostureReader(human()).joints(q[None])[0], ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+    lines = [(side, joint) for joint in ("shoulder", "elbow", "hip", "knee") for side in ("l", "r")]
+    for k, (side, joint) in enumerate(lines):
+        both = (joint, ends[ends.index(joint) + 1])
+        places = [joints[POINTS.index(f"{side}_{part}")] for part in both]
         radius, half, _ = made.sizes[k]
         axis = rotate(quat[k], np.array([0.0, 0.0, half]))
         assert radius == 0.0
-        assert [position[k] - axis, position[k] + axis] == [pytest.approx(end, abs=1e-9) for end in ends]
+        assert [position[k] - axis, position[k] + axis] == [pytest.approx(end, abs=1e-9) for end in places]
     assert made.names[8] == "head" and made.sizes[8, 0] > 0.05 and made.sizes[8, 1] == 0.0
 
 
@@ -93,58 +91,49 @@ TRIANGLE = (0.0, 2.0 * np.pi / 3, 2.0 * np.pi / 3, 0.0)
 LINKS = ("base", "plate", "a", "b", "c", "d")
 
 
-def arm() -> BodyModel:
-    return load_body_text(ARM, source="arm")
+def pairs_of(observers: Observers) -> set[frozenset[str]]:
+    """The pairs whose distance is observed."""
+    return {frozenset(observers.names[k] for k in pair) for pair in observers.pairs.tolist()}
 
 
-def balls(
-    radius: float, angles: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0), ignored: tuple[tuple[str, str], ...] = ()
-) -> Observers:
-    """A ball on every link."""
-    body = arm()
-    rules = PairRules(
-        neutral=np.array(angles),
-        ignored=tuple((body.body_index(a), body.body_index(b), "because") for a, b in ignored),
-        where="arm",
-    )
+def balls(radius: float, angles: tuple[float, ...] = (0.0,) * 4, ignored: tuple[str, ...] = ()) -> Observers:
+    """A ball on every link; ignored: two links."""
+    body = load_body_text(ARM, source="arm")
+    skipped = ((*map(body.body_index, ignored), "because"),) if ignored else ()
+    rules = PairRules(neutral=np.array(angles), ignored=skipped, where="arm")  # type: ignore[arg-type]
     row = (ShapeKind.CAPSULE, (radius, 0.0, 0.0), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
     return assemble(body, {name: Part(body.body_index(name), *row, 0.05, 0.0) for name in LINKS}, rules)
-
-
-def looked_at(observers: Observers) -> set[frozenset[str]]:
-    return {frozenset(observers.names[k] for k in pair) for pair in observers.pairs.tolist()}
 
 
 def dropped(observers: Observers) -> dict[frozenset[str], str]:
     return {frozenset((pair.first, pair.second)): pair.reason for pair in observers.dropped}
 
 
-def test_neighbours_are_not_looked_at_and_fixed_links_are_one() -> None:
-    found = balls(0.01)
-    near = "neighbours along the body"
-    assert dropped(found) == {
-        **{frozenset(pair): near for pair in (("base", "a"), ("plate", "a"), ("a", "b"), ("b", "c"), ("c", "d"))},
-    }
-    one = {frozenset(("base", "plate"))}
-    every = {frozenset(pair) for pair in combinations(LINKS, 2)}
-    assert looked_at(found) == every - set(dropped(found)) - one
-
-
-def test_what_touches_at_rest_is_dropped_and_the_reason_shows_how_deep() -> None:
+def test_neighbours_and_what_touches_at_rest_are_dropped_with_a_reason_and_fixed_links_are_one() -> None:
     """Balls of 21 cm two joints apart overlap by 2 cm."""
-    found = balls(0.21)
-    assert {pair: reason for pair, reason in dropped(found).items() if "touch" in reason} == {
-        frozenset(pair): "touch by 20.0 mm in the neutral posture" for pair in (("a", "c"), ("b", "d"), ("base", "b"))
-    } | {frozenset(("plate", "b")): f"touch by {1e3 * (0.42 - np.hypot(0.4, 0.1)):.1f} mm in the neutral posture"}
+    near = [frozenset(pair) for pair in (("base", "a"), ("plate", "a"), ("a", "b"), ("b", "c"), ("c", "d"))]
+    small, large = balls(0.01), balls(0.21)
+    assert dropped(small) == dict.fromkeys(near, "neighbours along the body")
+    every = {frozenset(pair) for pair in combinations(LINKS, 2)}
+    assert pairs_of(small) == every - set(near) - {frozenset(("base", "plate"))}
+    touch = {pair: reason for pair, reason in dropped(large).items() if "touch" in reason}
+    depths = {
+        ("a", "c"): 20.0,
+        ("b", "d"): 20.0,
+        ("base", "b"): 20.0,
+        ("plate", "b"): 1e3 * (0.42 - np.hypot(0.4, 0.1)),
+    }
+    assert touch == {
+        frozenset(pair): f"touch by {depth:.1f} mm in the neutral posture" for pair, depth in depths.items()
+    }
 
 
-def test_what_is_far_apart_along_the_body_and_touches_is_refused() -> None:
+def test_what_is_far_along_the_body_and_touches_is_refused() -> None:
     """Folded so that the last link lies on the first."""
     with refuses(ConfigError) as refused:
         balls(0.03, angles=TRIANGLE)
-    text = str(refused.value)
-    shows(text, 3)
-    calm = balls(0.03, angles=TRIANGLE, ignored=(("a", "d"),))
+    shows(str(refused.value), 3)
+    calm = balls(0.03, angles=TRIANGLE, ignored=("a", "d"))
     assert dropped(calm)[frozenset(("a", "d"))] == "because"
 
 
@@ -155,18 +144,17 @@ def test_a_person_whose_legs_touch_is_no_mistake() -> None:
     offset[[POINTS.index("l_hip"), POINTS.index("r_hip")], 1] = 0.0
     made = human_observers(build_human(replace(usual, offset=offset)), ObserverSettings(human="capsules"))
     assert made is not None and frozenset(("l_knee", "r_knee")) in dropped(made)
-    assert frozenset(("l_elbow", "r_knee")) in looked_at(made)
+    assert frozenset(("l_elbow", "r_knee")) in pairs_of(made)
 
 
-def test_every_pair_of_op3_is_looked_at_or_dropped_with_a_reason() -> None:
+def test_every_pair_of_op3_is_observed_or_dropped_with_a_reason() -> None:
     found = robot_observers(op3())
     assert len(found.names) == 23 and len(found.pairs) == 223 and len(found.dropped) == 28
     assert len({tuple(sorted(pair)) for pair in found.pairs.tolist()}) == 223
     links = dict(zip(found.names, found.links.tolist(), strict=True))
     every = {frozenset(pair) for pair in combinations(found.names, 2) if links[pair[0]] != links[pair[1]]}
-    assert looked_at(found) | set(dropped(found)) == every and not looked_at(found) & set(dropped(found))
-    reasons = set(dropped(found).values())
-    assert reasons == {"neighbours along the body", op3().profile.ignore_pairs[0].reason}
+    assert pairs_of(found) | set(dropped(found)) == every and not pairs_of(found) & set(dropped(found))
+    assert set(dropped(found).values()) == {"neighbours along the body", op3().profile.ignore_pairs[0].reason}
 
 
 FAR: dict[str, Any] = {
@@ -186,18 +174,18 @@ def reconstructed(priorities: Priorities, scene: SceneState | None) -> tuple[Flo
 
 
 @pytest.mark.parametrize("name", ["human", "paper"])
-@pytest.mark.parametrize("scene", [False, True], ids=["alone", "far obstacles"])
-def test_out_of_influence_the_human_moves_as_without_observers(name: str, scene: bool) -> None:
+def test_out_of_influence_the_human_moves_as_without_observers(name: str) -> None:
+    """Alone, and among far obstacles."""
     priorities = load_priorities(name)
     bare, _ = reconstructed(without_observers(priorities), None)
     small = ObserverSettings(human=priorities.observers.human, influence=2e-3, margin=1e-3)
-    q, modes = reconstructed(priorities.model_copy(update={"observers": small}), scene_of(**FAR) if scene else None)
-    assert modes.shape[1] > 7 and not modes.any()
-    assert q == pytest.approx(bare, abs=1e-9)
+    for scene in (None, scene_of(**FAR)):
+        q, modes = reconstructed(priorities.model_copy(update={"observers": small}), scene)
+        assert modes.shape[1] > 7 and not modes.any()
+        assert q == pytest.approx(bare, abs=1e-9)
 
 
-@pytest.mark.parametrize("scene", [False, True], ids=["alone", "far obstacles"])
-def test_out_of_influence_the_robot_moves_as_without_observers(monkeypatch: pytest.MonkeyPatch, scene: bool) -> None:
+def test_out_of_influence_the_robot_moves_as_without_observers(monkeypatch: pytest.MonkeyPatch) -> None:
     def small(of: RobotBody) -> Observers:
         made = robot_observers(of)
         n = len(made.names)
@@ -206,9 +194,10 @@ def test_out_of_influence_the_robot_moves_as_without_observers(monkeypatch: pyte
     motion = observers_idle_human()[:50]  # before it folds onto its thighs
     bare = act(robot(None, without_observers(load_priorities("servo"))), None, motion)
     monkeypatch.setattr("retarget.robot.follower.robot_observers", small)
-    done = act(robot(scene_of(**FAR) if scene else None), None, motion)
-    assert not any(posture.observer_modes.any() for posture in done.postures)
-    assert done.q == pytest.approx(bare.q, abs=1e-9)
+    for scene in (None, scene_of(**FAR)):
+        done = act(robot(scene), None, motion)
+        assert not any(posture.observer_modes.any() for posture in done.postures)
+        assert done.q == pytest.approx(bare.q, abs=1e-9)
 
 
 def test_no_pair_of_the_robot_is_ever_overlooked() -> None:
@@ -233,30 +222,23 @@ def test_no_pair_of_the_robot_is_ever_overlooked() -> None:
     assert sum(posture.observer_modes.any() for posture in done.postures) > 100
 
 
-def reaching(made: Rig) -> _solver.Solver:
-    levels = [[_solver.Task.reactive()], [_solver.Task.preventive()], [_solver.Task.position(7, (0.2, 0.0, 0.0))]]
-    return made.solver(levels, activation="all", n_ik=1, speed=2.0, acceleration=20.0)
-
-
 def test_pairs_that_sleep_change_nothing() -> None:
     """Against a solver that gets posture and velocity anew in every frame, so that it knows no distance."""
     obstacles = [ball(0, 0.003, at=at) for at in ((0.5, 0.45, 0.0), (-0.6, 0.3, 0.0), (0.9, -0.4, 0.0))]
     beads = [ball(k + 1, 0.003, at=(0.15, 0.0, 0.0)) for k in range(7)]  # their nearest points do not leap
     made = rig(chain(7), beads, obstacles, [(a, b) for a in range(7) for b in range(a + 2, 7)])
-    remembers, forgets = reaching(made), reaching(made)
-    made.show(forgets)
+    levels = [[_solver.Task.reactive()], [_solver.Task.preventive()], [_solver.Task.position(7, (0.2, 0.0, 0.0))]]
+    remembers, forgets = (made.solver(levels, activation="all", n_ik=1, speed=2.0, acceleration=20.0) for _ in range(2))
     near = 0
     for t in range(600):
         goal = 0.9 * np.array([np.cos(0.01 * t), np.sin(0.023 * t), 0.0])
         forgets.reset(remembers.q, remembers.velocity)
-        one = remembers.frame(aim(remembers, l2_0=goal), 0.01)
-        other = forgets.frame(aim(forgets, l2_0=goal), 0.01)
+        one, other = (solver.frame(aim(solver, l2_0=goal), 0.01) for solver in (remembers, forgets))
         assert one == pytest.approx(other, abs=1e-9), t
         near += int(remembers.observer_modes.any())
     assert near > 100
 
 
-UPRIGHT = np.array([[1.0, 0.0, 0.0, 0.0]])
 ON_ONE_LINK = """<mujoco><worldbody><body name="arm"><joint name="h" type="hinge" axis="0 0 1"/>
 <joint name="s" type="slide" axis="1 0 0"/><geom size="0.01" mass="1"/></body></worldbody></mujoco>"""
 TWO_SLIDES = """<mujoco><worldbody><body name="h"><joint name="x" type="slide" axis="1 0 0"/><geom size="0.01"
@@ -265,25 +247,12 @@ mass="1"/>
 </worldbody></mujoco>"""
 
 
-def checker(xml: str, columns: list[int], obstacles: int = 1, count: int = 1, at: float = 0.0) -> _solver.PathChecker:
-    """The gate's check of `count` balls of 1 cm on the first link and as many obstacles."""
-    body = load_body_text(xml, source="test").solver_body()
-    observers = [ball(1, 0.01, at=(at, 0.0, 0.0), influence=0.02)] * count
-    watched = binding(body, observers, (), [ball(radius=0.01, influence=0.02)] * obstacles)
-    return _solver.PathChecker(body, watched, columns=np.array(columns), sole_links=[], sole_points=np.zeros((0, 3)))
-
-
-def put(made: _solver.PathChecker, position: FloatArray, linear: FloatArray) -> None:
-    made.set_obstacles(position, np.repeat(UPRIGHT, len(position), 0), linear, np.zeros_like(position))
-
-
-def test_an_observer_that_slides_behind_its_own_hinge_is_looked_at_in_time() -> None:
+def test_an_observer_that_slides_behind_its_own_hinge_is_observed_in_time() -> None:
     """It is 1 m out on a slide, on a link whose joints are hinge and slide: no length of the body says how far it
     swings."""
     made = rig(ON_ONE_LINK, [ball(1, 0.01, influence=0.05)], [ball(at=(0.0, 1.0, 0.0), radius=0.01, influence=0.05)])
     levels = [[_solver.Task.preventive(speed=0.5)], [_solver.Task.position(1)]]
     solver = made.solver(levels, activation="all", n_ik=5, speed=3.0)
-    made.show(solver)
     solver.reset(np.array([0.0, 1.0]))
     least, acted = np.inf, False
     for turn in np.minimum(0.02 * np.arange(200), 3.0):
@@ -297,20 +266,25 @@ def test_an_observer_that_slides_behind_its_own_hinge_is_looked_at_in_time() -> 
 @pytest.mark.parametrize("rows", [1, 2, 4])
 @pytest.mark.parametrize("share", [0.55, 0.7, 0.85])
 def test_an_obstacle_that_recedes_while_the_robot_has_arrived_long_ago_is_met(rows: int, share: float) -> None:
-    """The robot goes 0.2 m in a few rows and rests; the obstacle goes as far in forty, from less than 0.2 m away."""
-    made, count, way = checker(TWO_SLIDES, [0, 1]), 40, 0.2
+    """The robot goes 0.2 m in a few rows and rests; the obstacle goes as far in forty, from less than 0.2 m away. The
+    gate's check is of a ball of 1 cm and as large an obstacle."""
+    body, count, distance = load_body_text(TWO_SLIDES, source="test").solver_body(), 40, 0.2
+    watched = binding(body, [ball(1, 0.01, influence=0.02)], (), [ball(radius=0.01, influence=0.02)])
+    points = np.zeros((0, 3))
+    made = _solver.PathChecker(body, watched, columns=np.array([0, 1]), sole_links=[], sole_points=points)
     path = np.zeros((count + 1, 2))
-    path[:, 0] = way * np.minimum(np.arange(count + 1) / rows, 1.0)
+    path[:, 0] = distance * np.minimum(np.arange(count + 1) / rows, 1.0)
     path[:, 1] = np.linspace(0.0, 0.01, count + 1)
-    speed = way / (count * 0.01)
-    put(made, np.array([[share * way + 0.02, 0.0, 0.0]]), np.array([[speed, 0.0, 0.0]]))
+    speed = distance / (count * 0.01)
+    begins, velocity = np.array([[share * distance + 0.02, 0.0, 0.0]]), np.array([[speed, 0.0, 0.0]])
+    made.set_obstacles(begins, np.array([[1.0, 0.0, 0.0, 0.0]]), velocity, np.zeros((1, 3)))
     row = np.linspace(0.0, count, 4001)
-    gap = share * way + speed * 0.01 * row - np.interp(row, np.arange(count + 1), path[:, 0])
+    gap = share * distance + speed * 0.01 * row - np.interp(row, np.arange(count + 1), path[:, 0])
     assert gap.min() < 0.0
     assert not made.is_clear(np.zeros(2), path, dt=0.01, share=0.0)
 
 
-def test_no_pair_is_asked_for_more_than_it_has_at_home(tmp_path: Path) -> None:
+def test_no_pair_has_a_larger_margin_than_distance_at_home(tmp_path: Path) -> None:
     """With margins of 2 cm the hips of an OP3 would never be satisfied, and nothing else would move."""
     robot = load_robot("op3")
     text = robot.profile.path.read_text(encoding="utf-8").replace("margin: 0.004", "margin: 0.02")
@@ -321,26 +295,14 @@ def test_no_pair_is_asked_for_more_than_it_has_at_home(tmp_path: Path) -> None:
     np.testing.assert_array_equal(wide.pair_margin, narrow.pair_margin)
 
 
-def test_a_floor_under_the_soles_is_refused(tmp_path: Path) -> None:
-    robot = load_robot("op3")
-    stand = plant(robot, robot.profile.postures.stand).q
-    for height, refused in ((0.0, True), (-0.03, False)):
-        path = tmp_path / "floor.yaml"
-        shape = f"{{shape: {{half_space: {{normal: [0, 0, 1]}}}}, at: {{pos: [0, 0, {height}]}}}}"
-        path.write_text(f"name: floor\ndescription: a floor\nobstacles:\n  ground: {shape}\n", encoding="utf-8")
-        scene = SceneState(load_scene(path))
-        if refused:
-            with refuses(UsageError, "ground"):
-                refuse_floor(robot, robot_observers(robot), scene, stand)
-        else:
-            refuse_floor(robot, robot_observers(robot), scene, stand)
+def test_a_floor_under_the_soles_is_refused() -> None:
+    def check(height: float) -> None:
+        floor = {"shape": {"half_space": {"normal": [0, 0, 1]}}, "at": {"pos": [0, 0, height]}}
+        refuse_floor(op3(), robot_observers(op3()), scene_of(ground=floor), stance().q)
 
-
-ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
-
-
-def scene(**obstacles: object) -> Scene:
-    return Scene.model_validate({"name": "a", "description": "b", "obstacles": obstacles})
+    check(-0.03)
+    with refuses(UsageError, "ground"):
+        check(0.0)
 
 
 def heights(robot: RobotBody, q: FloatArray) -> float:
@@ -352,19 +314,13 @@ def heights(robot: RobotBody, q: FloatArray) -> float:
     return found.smallest
 
 
-def looks_down(observers: Observers) -> set[str]:
-    """Observers that look at the floor."""
-    pairs, _ = observers.obstacle_pairs(SceneState(on_floor(None)).shapes)
-    return {observers.names[row] for row in pairs[:, 0]}
-
-
 @pytest.mark.parametrize("name", ROBOTS)
-def test_all_but_soles_look_at_it_and_keep_less_than_they_have_at_home(name: str) -> None:
-    robot = load_robot(name)
-    observers = robot_observers(robot)
+def test_all_but_soles_look_at_the_floor_and_keep_less_than_they_have_at_home(name: str) -> None:
+    robot, observers = shipped(name), robot_observers(shipped(name))
     feet = {sole.body for sole in robot.soles}
     on_soles = {n for n, link in zip(observers.names, observers.links.tolist(), strict=True) if link in feet}
-    assert on_soles and looks_down(observers) == set(observers.names) - on_soles
+    pairs, _ = observers.obstacle_pairs(SceneState(on_floor(None)).shapes)
+    assert on_soles and {observers.names[row] for row in pairs[:, 0]} == set(observers.names) - on_soles
     kept = observers.ground_margin[~observers.stands]
     lowest = heights(robot, np.array([plant(robot, robot.profile.postures.rest).q]))
     assert 0.0 < kept.min() <= lowest
@@ -372,31 +328,24 @@ def test_all_but_soles_look_at_it_and_keep_less_than_they_have_at_home(name: str
 
 def test_a_part_below_the_soles_is_refused() -> None:
     """A stick that hangs from the torso in front of the feet, 0.1 m too long."""
-    robot = load_robot("op3")
-    stick = {
-        "link": "body_link",
-        "shape": {"capsule": {"from": [0.3, 0, 0], "to": [0.3, 0, -0.37], "radius": 0.005}},
-        "influence": 0.05,
-        "margin": 0.004,
-    }
-    observers = {**robot.profile.observers, "stick": Observer.model_validate(stick)}
-    profile = robot.profile.model_copy(update={"observers": observers})
-    with refuses(ConfigError, "stick", "103.0"):
-        robot_observers(replace(robot, profile=profile))
-    ball = stick | {"shape": {"sphere": {"at": [0.3, 0, -0.36], "radius": 0.005}}}
-    observers |= {f"ball{n}": Observer.model_validate(ball) for n in range(9)}
-    profile = robot.profile.model_copy(update={"observers": observers})
-    with refuses(ConfigError, "stick", "103.0", "9 more") as error:
-        robot_observers(replace(robot, profile=profile))
-    assert len(error.value.problems) == 1, "one cause, one line"
+    shapes = {"stick": {"capsule": {"from": [0.3, 0, 0], "to": [0.3, 0, -0.37], "radius": 0.005}}}
+    more = {f"ball{n}": {"sphere": {"at": [0.3, 0, -0.36], "radius": 0.005}} for n in range(9)}
+    for parts, facts in ((shapes, ("stick", "103.0")), (shapes | more, ("stick", "103.0", "9 more"))):
+        added = {
+            name: Observer.model_validate({"link": "body_link", "shape": one, "influence": 0.05, "margin": 0.004})
+            for name, one in parts.items()
+        }
+        profile = op3().profile.model_copy(update={"observers": op3().profile.observers | added})
+        with refuses(ConfigError, *facts) as error:
+            robot_observers(replace(op3(), profile=profile))
+        assert len(error.value.problems) == 1, "one cause, one line"
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ROBOTS)
-def test_hands_that_are_asked_below_it_stay_above(name: str) -> None:
+def test_hands_with_targets_below_the_floor_stay_above(name: str) -> None:
     """A performer who crouches and digs: both wrists go 0.3 m below their feet."""
-    robot = load_robot(name)
-    performer = followers.performer()
+    robot, performer = shipped(name), followers.performer()
     follower = Follower(
         robot, load_priorities("servo"), followers.dimensions(performer), scene=SceneState(on_floor(None))
     )

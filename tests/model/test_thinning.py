@@ -35,7 +35,8 @@ def test_a_ball_stays_round(most: int) -> None:
 
 
 def test_a_box_keeps_its_corners_however_many_triangles_it_has() -> None:
-    box = soup(shape_mesh(ShapeKind.BOX, (0.1, 0.2, 0.3)))
+    box = plain = soup(shape_mesh(ShapeKind.BOX, (0.1, 0.2, 0.3)))
+    assert thinned(plain, 12) is plain, "few triangles stay as they are"
     for _ in range(4):
         box = halved(box)
     few = thinned(box, 60)
@@ -50,55 +51,37 @@ def test_an_open_sheet_keeps_its_edge_and_sheets_on_each_other_are_thinned_too()
         square = halved(square)
     few = thinned(square, 20)
     assert len(few) <= 20
-    np.testing.assert_allclose([few.reshape(-1, 3).min(axis=0), few.reshape(-1, 3).max(axis=0)], [[0, 0, 0], [1, 1, 0]],
-                               atol=0.02)  # fmt: skip
+    corners = few.reshape(-1, 3)
+    np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[0, 0, 0], [1, 1, 0]], atol=0.02)
     twice = np.concatenate([square, square[:, ::-1] + (0.0, 0.0, 1e-4)])
     assert len(thinned(twice, 100)) <= 100
 
 
-def border(triangles: FloatArray) -> int:
-    """Sides that one triangle has, and no other one the other way round."""
-    _, place = np.unique(triangles.reshape(-1, 3).round(9), axis=0, return_inverse=True)
-    corners = place.reshape(-1, 3)
-    sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2).tolist()
-    return len({(a, b) for a, b in sides} - {(b, a) for a, b in sides})
-
-
 def test_a_thin_shell_gets_no_hole() -> None:
     """Its walls, nearer to each other than its triangles are long, and joined at the rim, stay two."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 100, endpoint=False)
-    line = np.concatenate(
-        [[(r, 0.1 * r) for r in np.linspace(0.0, 0.1, 30)], [(r, 0.1 * r + 1e-3) for r in np.linspace(0.1, 0.0, 30)]]
-    )
-    ring = np.stack(
-        [np.outer(line[:, 0], np.cos(angle)), np.outer(line[:, 0], np.sin(angle)), np.repeat(line[:, 1:], 100, axis=1)],
-        axis=-1,
-    )
+    angle, radius = np.linspace(0.0, 2.0 * np.pi, 100, endpoint=False), np.linspace(0.0, 0.1, 30)
+    r, z = np.r_[radius, radius[::-1]], np.r_[0.1 * radius, 0.1 * radius[::-1] + 1e-3]
+    ring = np.stack([np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle)), np.tile(z[:, None], 100)], axis=-1)
     a, b = ring[:-1], np.roll(ring, -1, axis=1)[:-1]
     c, d = np.roll(ring, -1, axis=1)[1:], ring[1:]
     shell = np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]).reshape(-1, 3, 3)
     few = thinned(shell, 200)
     assert len(shell) > 11_000 and 150 < len(few) <= 200
-    assert border(few) <= 4
+    # Sides that one triangle has, and no other one the other way round.
+    corners = np.unique(few.reshape(-1, 3).round(9), axis=0, return_inverse=True)[1].reshape(-1, 3)
+    sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2).tolist()
+    assert len({(a, b) for a, b in sides} - {(b, a) for a, b in sides}) <= 4
     np.testing.assert_allclose(np.abs(few.reshape(-1, 3)).max(axis=0)[:2], 0.1, atol=0.005)
 
 
-def test_few_triangles_stay_as_they_are() -> None:
-    box = soup(shape_mesh(ShapeKind.BOX, (0.1, 0.2, 0.3)))
-    assert thinned(box, 12) is box
-
-
-@pytest.mark.parametrize(("kind", "apart"), [(ShapeKind.BOX, 24), (ShapeKind.CYLINDER, 4 * 24 + 2)])
-def test_edges_are_sharp_where_faces_meet_at_an_angle_and_round_elsewhere(kind: ShapeKind, apart: int) -> None:
+@pytest.mark.parametrize(("kind", "vertices"), [(ShapeKind.BOX, 24), (ShapeKind.CYLINDER, 4 * 24 + 2)])
+def test_edges_are_sharp_where_faces_meet_at_an_angle_and_round_elsewhere(kind: ShapeKind, vertices: int) -> None:
     """A box has three vertices at each corner; a cylinder two on each rim, and one amid each end."""
     one = soup(shape_mesh(kind, (0.1, 0.2, 0.3)))
-    vertices, faces = creased(one)
-    assert len(vertices) == apart
-    np.testing.assert_array_equal(vertices[faces], one)
+    places, faces = creased(one)
+    assert len(places) == vertices
+    np.testing.assert_array_equal(places[faces], one)
     both = creased(np.concatenate([one, one + 1.0]))[0]
-    assert len(both) == 2 * apart, "what does not touch shares nothing"
-
-
-def test_a_mesh_of_no_triangle_is_none() -> None:
+    assert len(both) == 2 * vertices, "what does not touch shares nothing"
     line = joined([Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]))])
-    assert len(creased(soup(line))[1]) == 0
+    assert len(creased(soup(line))[1]) == 0, "a mesh of no triangle is none"
