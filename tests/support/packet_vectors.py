@@ -62,10 +62,7 @@ TWO = [
         p2.sync_write(116, 4, ((1, b"\x96\0\0\0"), (2, b"\xaa\0\0\0"))),
     ),
     two("FFFFFD00FE0D0092 0190000200 0292000100 1A05", more.bulk_read(((1, 144, 2), (2, 146, 1)))),
-    two(
-        "FFFFFD00FE100093 0120000200A000 021F00010050 B768",
-        more.bulk_write(((1, 32, b"\xa0\0"), (2, 31, b"\x50"))),
-    ),
+    two("FFFFFD00FE100093 0120000200A000 021F00010050 B768"),  # bulk write
     two("FFFFFD00FE0A008A 8400 0400 030704 20F2", p2.sync_read(132, 4, (3, 7, 4), fast=True)),
     two(  # the CRC is right here, not in print
         "FFFFFD00FE12009A 0384000400 077C000200 0492000100 DA2D",
