@@ -192,7 +192,7 @@ def test_the_check_of_collisions_knows_the_servos_and_the_goals() -> None:
     rig.gate.clearance = noted
     record = play(rig).record
     measured, goals = zip(*(call.args for call in noted.measure.call_args_list), strict=True)
-    np.testing.assert_array_equal(noted.begin.call_args.args, [record.start])
+    np.testing.assert_array_equal([call.args[0] for call in noted.begin.call_args_list], [record.start])
     np.testing.assert_array_equal(measured[:-1], record.present)
     np.testing.assert_array_equal(goals, [record.start, *record.q[:, rig.robot.servo_columns]])
     standing = [call.args[2] for call in noted.call_args_list]
