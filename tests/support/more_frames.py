@@ -47,5 +47,11 @@ def bulk_read(items: Iterable[tuple[int, int, int]], *, fast: bool = False) -> b
     return protocol2.frame(BROADCAST, Instruction.FAST_BULK_READ if fast else Instruction.BULK_READ, params)
 
 
+def bulk_write(items: Iterable[tuple[int, int, bytes]]) -> bytes:
+    """Write registers (id, address, data) of several devices; none answers."""
+    params = b"".join(bytes((device,)) + _words(address, len(data)) + data for device, address, data in items)
+    return protocol2.frame(BROADCAST, Instruction.BULK_WRITE, params)
+
+
 def _words(*values: int) -> bytes:
     return b"".join(value.to_bytes(2, "little") for value in values)
