@@ -183,7 +183,7 @@ def compile_for(body: BodyModel, task: Task, **more: Any) -> list[Slot]:
     """The tasks of the solver for one of a priority file."""
     frames = body_frames(body)
     limbs = {"l_arm": Limb(frames["chest"], frames["l_wrist"], 0.5)}
-    usual = {"frames": frames, "fed": (), "is_soft": True, "limbs": limbs, "lengths": {}}
+    usual: dict[str, Any] = {"frames": frames, "fed": (), "is_soft": True, "limbs": limbs, "lengths": {}}
     return list(compile_task(task, body, **(usual | more)))
 
 

@@ -180,7 +180,7 @@ def test_a_urdf_keeps_every_link_and_stays_fixed_unless_the_caller_frees_it() ->
 
 def test_a_removed_root_missing_meshes_loops_and_tendons_are_named_in_notes() -> None:
     for root in ("fixed", "suspended"):
-        body = load_body_text(FREE_MJCF, source="robot.xml", root=root)  # type: ignore[arg-type]
+        body = load_body_text(FREE_MJCF, source="robot.xml", root=root)
         assert body.root == root and body.dof_names == ("swing",)
         assert any("removed" in note for note in body.notes)
     shape = '<collision><geometry><mesh filename="package://absent/arm.stl"/></geometry></collision></link>'

@@ -111,7 +111,7 @@ def test_nothing_jumps_where_the_support_changes_or_a_path_goes_on_from_another(
 
 @REQUESTS
 def test_a_foot_leaves_the_floor_and_comes_down_at_rest(command: Request) -> None:
-    """A sole lifts and lands at less than a hundredth of its greatest speed, is never below the floor, and stays while
+    """A sole lifts and touches down at less than a hundredth of its greatest speed, is never below the floor, and stays while
     it carries."""
     whole, _ = walked([(command, 72)] * 6)
     places, carries = whole.soles[..., :3], whole.carries
@@ -119,10 +119,10 @@ def test_a_foot_leaves_the_floor_and_comes_down_at_rest(command: Request) -> Non
     speed = np.linalg.norm(np.diff(places, axis=0), axis=-1) / GAIT.dt
     for foot in range(2):
         raised = (places[:, foot, 2] > 0.0).astype(int)
-        lifts, landings = (np.flatnonzero(np.diff(raised) == change) for change in (1, -1))
-        assert len(landings) > 2
+        lifts, touchdowns = (np.flatnonzero(np.diff(raised) == change) for change in (1, -1))
+        assert len(touchdowns) > 2
         # A path whose speed and acceleration vanish at its ends moves by its jerk alone in the first and last tick.
-        assert speed[[*lifts, *landings], foot].max() < 0.01 * speed[:, foot].max()
+        assert speed[[*lifts, *touchdowns], foot].max() < 0.01 * speed[:, foot].max()
         assert speed[carries[1:, foot] & carries[:-1, foot], foot].max() == 0.0
     assert carries.any(axis=1).all()
 
@@ -140,7 +140,7 @@ def test_steps_become_the_request(command: Request, ticks: int) -> None:
     time = 2 * ticks * GAIT.dt
     made = clipped(GAIT, command, ticks * GAIT.dt)
     assert turned == pytest.approx(made.turn * time, abs=1e-9)
-    ahead = rotated(went, -yaw - 0.25 * turned)  # the feet between both landings
+    ahead = rotated(went, -yaw - 0.25 * turned)  # the feet between both touchdowns
     np.testing.assert_allclose(ahead, [made.forward * time, made.left * time], atol=0.004)
 
 

@@ -47,7 +47,7 @@ def walked(
     """Where it is on which path, tick by tick, until it stands. period: of a performer's steps, s."""
     found = list[tuple[WalkPath, int]]()
     for tick in range(ticks):
-        one.step(request, q, period and swung(one.gait.dt * tick, period))
+        one.step(request, q, None if period is None else swung(one.gait.dt * tick, period))
         assert one.path is not None
         found.append((one.path, one.row))
         if one.is_over:

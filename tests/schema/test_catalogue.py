@@ -92,9 +92,17 @@ def test_a_link_that_leads_nowhere_is_something(tmp_path: Path) -> None:
 
 
 def test_a_file_is_on_the_disk_before_it_appears(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    done, path, synced, renamed = list[str](), tmp_path / "r.json", os.fsync, Path.replace
-    monkeypatch.setattr(os, "fsync", lambda descriptor: (done.append("synced"), synced(descriptor)))
-    monkeypatch.setattr(Path, "replace", lambda own, place: (done.append("renamed"), renamed(own, place)))
+    done, path = list[str](), tmp_path / "r.json"
+
+    def noted(name: str, real: Callable[..., object]) -> Callable[..., object]:
+        def called(*arguments: object) -> object:
+            done.append(name)
+            return real(*arguments)
+
+        return called
+
+    monkeypatch.setattr(os, "fsync", noted("synced", os.fsync))
+    monkeypatch.setattr(Path, "replace", noted("renamed", Path.replace))
     usual = os.umask(0o027)
     try:
         write_atomic(path, b"new", option="--report")

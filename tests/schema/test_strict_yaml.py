@@ -9,15 +9,7 @@ from hypothesis import strategies as st
 
 from messages import refuses, shows
 from retarget.errors import ConfigError
-from retarget.schema.strict_yaml import (
-    MAX_BYTES,
-    MAX_DEPTH,
-    MAX_PROBLEMS,
-    MAX_VALUES,
-    Document,
-    read_text,
-    scan,
-)
+from retarget.schema.strict_yaml import MAX_BYTES, MAX_DEPTH, MAX_PROBLEMS, MAX_VALUES, Document, read_text, scan
 
 HERE = Path("robot.yaml")
 
