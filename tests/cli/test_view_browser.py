@@ -98,78 +98,68 @@ def plotted(page: Any) -> int:
 
 
 @contextmanager
-def opened(browser: Any, address: str, *, width: int = 900, height: int = 800) -> Iterator[Any]:
-    """A page; at the end it had no error and asked no other host for anything."""
-    page, wrong, hosts = browser.new_page(viewport={"width": width, "height": height}), list[str](), set[str]()
-    page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.on("console", lambda line: wrong.append(line.text) if line.type == "error" else None)
-    page.on("request", lambda request: hosts.add(request.url.split("/")[2]))
-    page.goto(address)
-    yield page
-    page.close()
-    assert not wrong and hosts == {address.split("/")[2]}
+def opened(browser: Any, *words: str | Path) -> Iterator[Any]:
+    """The page of a command; at the end it had no error and asked no other host for anything."""
+    process, address = started(*words)
+    try:
+        page, wrong, hosts = browser.new_page(viewport={"width": 900, "height": 800}), list[str](), set[str]()
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda line: wrong.append(line.text) if line.type == "error" else None)
+        page.on("request", lambda request: hosts.add(request.url.split("/")[2]))
+        page.goto(address)
+        yield page
+        page.close()
+        assert not wrong and hosts == {address.split("/")[2]}
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.wait(timeout=20.0)
 
 
 def test_a_recording_is_drawn_and_played(browser: Any, tmp_path: Path) -> None:
-    process, address = started("view", saved_run(tmp_path / "run.npz", robot="op3"), "--port", "0")
-    try:
-        with opened(browser, address) as page:
-            page.wait_for_function("() => /Approaching|Following|Stopping/i.test(doing.textContent)")
-            before = seconds(page)
-            page.wait_for_function("(before) => clock.textContent !== `${before.toFixed(2)} s`", arg=before)
-            page.click("#play")
-            for canvas in ("#view-performer", "#view-robot"):
-                orange, blue = sides(page, canvas, tmp_path)
-                assert orange > 300 and blue > 300, canvas
-            still = seconds(page)
-            for _ in range(3):
-                page.click(".step[value='1']")
-            assert 0.01 < seconds(page) - still < 0.04, "tick by tick"
-            for _ in range(3):
-                page.click(".step[value='-1']")
-            assert seconds(page) == still
-            assert plotted(page) > 500
-            page.select_option("#joint select >> nth=0", label="l_knee")
-            page.locator("#layers label", has_text="desired").locator("input").uncheck()
-            assert page.eval_on_selector_all("#speed option", "all => all.map((one) => one.value)") == [
-                *("0.1", "0.25", "0.5", "1", "2", "4")
-            ]
-    finally:
-        process.send_signal(signal.SIGTERM)
-        process.wait(timeout=20.0)
+    with opened(browser, "view", saved_run(tmp_path / "run.npz", robot="op3"), "--port", "0") as page:
+        page.wait_for_function("() => /Approaching|Following|Stopping/i.test(doing.textContent)")
+        before = seconds(page)
+        page.wait_for_function("(before) => clock.textContent !== `${before.toFixed(2)} s`", arg=before)
+        page.click("#play")
+        for canvas in ("#view-performer", "#view-robot"):
+            orange, blue = sides(page, canvas, tmp_path)
+            assert orange > 300 and blue > 300, canvas
+        still = seconds(page)
+        for _ in range(3):
+            page.click(".step[value='1']")
+        assert 0.01 < seconds(page) - still < 0.04, "tick by tick"
+        for _ in range(3):
+            page.click(".step[value='-1']")
+        assert seconds(page) == still
+        assert plotted(page) > 500
+        page.select_option("#joint select >> nth=0", label="l_knee")
+        page.locator("#layers label", has_text="desired").locator("input").uncheck()
+        assert page.eval_on_selector_all("#speed option", "all => all.map((one) => one.value)") == [
+            *("0.1", "0.25", "0.5", "1", "2", "4")
+        ]
 
 
 def test_the_page_saves_what_it_shows_as_a_video(browser: Any, tmp_path: Path) -> None:
-    process, address = started("view", saved_run(tmp_path / "run.npz", robot="op3"), "--port", "0")
-    try:
-        with opened(browser, address) as page:
-            with page.expect_download(timeout=120000) as saved:
-                page.select_option("#speed", "0.1")
-                page.click("#film")
-            assert saved.value.suggested_filename in ("op3-run.mp4", "op3-run.webm")
-            saved.value.save_as(tmp_path / "film")
+    with opened(browser, "view", saved_run(tmp_path / "run.npz", robot="op3"), "--port", "0") as page:
+        with page.expect_download(timeout=120000) as saved:
+            page.select_option("#speed", "0.1")
+            page.click("#film")
+        assert saved.value.suggested_filename in ("op3-run.mp4", "op3-run.webm")
+        saved.value.save_as(tmp_path / "film")
         assert (tmp_path / "film").stat().st_size > 5000
-    finally:
-        process.send_signal(signal.SIGTERM)
-        process.wait(timeout=20.0)
 
 
 def test_a_run_that_goes_on_is_drawn(browser: Any, tmp_path: Path) -> None:
     words = ("run", "--robot", "op3", "--source", "sample", "--loop", "--scene", "table", "--view", "0")
-    process, address = started(*words)
-    try:
-        with opened(browser, address) as page:
-            page.wait_for_function("() => /^(Approaching|Following)$/.test(state.textContent)", timeout=60000)
-            page.wait_for_function("() => joint.querySelector('canvas').width > 300 && !joint.hidden", timeout=60000)
-            for canvas in ("#human", "#robot"):
-                orange, blue = sides(page, canvas, tmp_path)
-                assert orange > 300 and blue > 300, canvas
-            assert "obstacle" in page.inner_text("#layers") and page.locator("#stop").is_visible()
-            assert not page.locator("#pause").is_visible(), "it can only stop"
-            assert "✓" in page.inner_text("#sensors")
-    finally:
-        process.send_signal(signal.SIGTERM)
-        process.wait(timeout=20.0)
+    with opened(browser, *words) as page:
+        page.wait_for_function("() => /^(Approaching|Following)$/.test(state.textContent)", timeout=60000)
+        page.wait_for_function("() => joint.querySelector('canvas').width > 300 && !joint.hidden", timeout=60000)
+        for canvas in ("#human", "#robot"):
+            orange, blue = sides(page, canvas, tmp_path)
+            assert orange > 300 and blue > 300, canvas
+        assert "obstacle" in page.inner_text("#layers") and page.locator("#stop").is_visible()
+        assert not page.locator("#pause").is_visible(), "it can only stop"
+        assert "✓" in page.inner_text("#sensors")
 
 
 def test_the_button_stops_the_emulated_servos_in_a_tenth_of_a_second(browser: Any, shared: Path) -> None:
