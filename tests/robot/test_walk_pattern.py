@@ -111,8 +111,8 @@ def test_nothing_jumps_where_the_support_changes_or_a_path_goes_on_from_another(
 
 @REQUESTS
 def test_a_foot_leaves_the_floor_and_comes_down_at_rest(command: Request) -> None:
-    """A sole lifts and touches down at less than a hundredth of its greatest speed, is never below the floor, and stays while
-    it carries."""
+    """A sole lifts and touches down at less than a hundredth of its greatest speed, is never below the floor, and
+    stays while it carries."""
     whole, _ = walked([(command, 72)] * 6)
     places, carries = whole.soles[..., :3], whole.carries
     assert places[..., 2].min() >= 0.0

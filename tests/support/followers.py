@@ -107,17 +107,9 @@ class Followed:
     asked: FloatArray
     reached: FloatArray
 
-    def track(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Asked and reached (T, 3) m of one landmark."""
-        column = self.names.index(name)
-        return self.asked[:, column], self.reached[:, column]
-
 
 def follow(robot: Follower, human: Sequence[HumanPosture]) -> Followed:
-    return collect([robot.start(human[0]), *(robot.step(posture, DT) for posture in human)])
-
-
-def collect(done: Sequence[RobotPosture]) -> Followed:
+    done = [robot.start(human[0]), *(robot.step(posture, DT) for posture in human)]
     return Followed(
         done[0].landmark_names,
         np.array([posture.q for posture in done]),

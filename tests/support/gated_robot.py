@@ -4,13 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from followers import DT, op3
+from followers import DT, op3, stance
 from gates import DrivenGate, admit
 from observed import scene_of as scene_of
 from observed import sphere as sphere
 from retarget import _solver
 from retarget.ik.hierarchy import SceneObstacles
-from retarget.ik.support_polygon import plant
 from retarget.model.observers import Observers, placed, robot_observers
 from retarget.model.robot import plant_roots
 from retarget.model.scene_state import SceneState
@@ -30,7 +29,7 @@ class GatedRobot:
         self.obstacles = SceneObstacles(state)
         compiled = self.observers.for_solver(self.robot.body, self.obstacles.shapes)
         self.clearance = PathClearance(self.robot, compiled, self.obstacles, dt=DT)
-        self.q = plant(self.robot, self.robot.profile.postures.stand).q
+        self.q = stance().q
         gate = Gate(self.robot.joint_map, dt=DT, clearance=self.clearance if watched else None)
         self.gate = DrivenGate(gate, self.sent, self.q)
         self.clearance.begin(self.sent)

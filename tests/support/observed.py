@@ -237,8 +237,6 @@ def aim(solver: _solver.Solver, **asked: Any) -> FloatArray:
 
 # OP3 among obstacles, judged on its observers and on its body's own geoms.
 
-SOON = 0.2
-"""Moving obstacles set out at this time, s."""
 ZONE = {"influence": 0.06, "margin": 0.004}
 
 
