@@ -53,6 +53,14 @@ def test_names_types_and_addresses(body: BodyModel) -> None:
     assert np.all(body.parent[1:] < np.arange(1, 6)), "a parent comes before its children"
     single, address = body.scalar_joints()
     assert list(np.flatnonzero(single)) == [6, 7, 11] and list(address[single]) == [7, 8, 13]
+    # A chain has its link and the root, and not the world.
+    hand, *rest = links = [body.body_index(name) for name in ("hand", "lower", "upper", "base")]
+    other = body.body_index("other")
+    assert body.chain_to_root(hand) == tuple(links)
+    assert body.chain_to_root(other) == (other, links[-1])
+    assert body.chain_to_root(links[-1]) == (links[-1],) and body.chain_to_root(0) == ()
+    assert body.links_between(hand, other) == {*links[:-1], other}
+    assert body.links_between(rest[0], hand) == {hand} and body.links_between(hand, hand) == set()
 
 
 def test_last_bits_of_the_compiler_are_not_in_a_body() -> None:
@@ -74,15 +82,6 @@ def test_last_bits_of_the_compiler_are_not_in_a_body() -> None:
     for directions in (body.body_quat, body.joint_axis):
         assert_allclose(np.square(directions).sum(axis=-1), 1.0, rtol=1e-15)
     assert body.upper[np.isfinite(body.upper)].tolist() == model.jnt_range[model.jnt_limited == 1, 1].tolist()
-
-
-def test_a_chain_has_its_link_and_the_root_and_not_the_world(body: BodyModel) -> None:
-    links = [body.body_index(name) for name in ("hand", "lower", "upper", "base")]
-    assert body.chain_to_root(links[0]) == tuple(links)
-    assert body.chain_to_root(body.body_index("other")) == (body.body_index("other"), links[-1])
-    assert body.chain_to_root(links[-1]) == (links[-1],) and body.chain_to_root(0) == ()
-    assert body.links_between(links[0], body.body_index("other")) == {*links[:-1], body.body_index("other")}
-    assert body.links_between(links[1], links[0]) == {links[0]} and body.links_between(links[0], links[0]) == set()
 
 
 @pytest.mark.parametrize("text", [ALL_JOINTS_MJCF, TWO_LINK_URDF, "human"])

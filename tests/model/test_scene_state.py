@@ -1,6 +1,7 @@
 """Obstacles of a scene: canonical shapes, motions by the file, live poses, and where they are at a time."""
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -261,38 +262,30 @@ def check_derivative(path: ObstacleMotion, time: float) -> None:
     assert_allclose(turn / (2 * STEP), now.angular, atol=1e-6)
 
 
-@given(paths())
-def test_a_path_is_continuous_and_goes_through_its_points(path: ObstacleMotion) -> None:
-    for time, piece in zip(path.times, path.pieces, strict=True):
-        assert separation(path.at(time), MovingPose(piece.pose)) < 1e-9
-        assert separation(path.at(time - 1e-9), path.at(time)) < 1e-6
-
-
-@given(paths(), st.floats(0.01, 0.99))
-def test_velocity_is_the_derivative(path: ObstacleMotion, share: float) -> None:
-    for index in range(len(path.times) - 1):
-        check_derivative(path, path.times[index] + share * (path.times[index + 1] - path.times[index]))
-
-
-@given(paths(), st.floats(0.001, 100))
-def test_before_and_after_a_path_it_rests(path: ObstacleMotion, time: float) -> None:
+@given(paths(), st.floats(0.01, 0.99), st.floats(0.001, 100))
+def test_a_path_goes_through_its_points_without_a_jump_and_rests_before_and_after(
+    path: ObstacleMotion, share: float, time: float
+) -> None:
+    for at, piece in zip(path.times, path.pieces, strict=True):
+        assert separation(path.at(at), MovingPose(piece.pose)) < 1e-9
+        assert separation(path.at(at - 1e-9), path.at(at)) < 1e-6
+    for start, end in pairwise(path.times):
+        check_derivative(path, start + share * (end - start))
     early, late = path.at(path.times[0] - time), path.at(path.times[-1] + time)
     assert (early.linear, early.angular, late.linear, late.angular) == (NO_MOTION,) * 4
     assert separation(early, MovingPose(path.pieces[0].pose)) < 1e-12
     assert separation(late, MovingPose(path.pieces[-1].pose)) < 1e-12
 
 
-@given(paths(loop=True), st.floats(0, 1, exclude_max=True), st.integers(1, 1000))
-def test_a_loop_begins_anew(path: ObstacleMotion, share: float, rounds: int) -> None:
+@given(paths(loop=True), st.floats(0, 1, exclude_max=True), st.integers(1, 1000), st.floats(0, 500))
+def test_a_loop_begins_anew_and_never_rests_at_its_seam(
+    path: ObstacleMotion, share: float, rounds: int, later: float
+) -> None:
     period = path.times[-1] - path.times[0]
     time = path.times[0] + share * period
     assert separation(path.at(time), path.at(time + rounds * period)) < 1e-6
     assert separation(path.at(path.times[-1] - 1e-9), path.at(path.times[-1])) < 1e-6
-
-
-@given(paths(loop=True), st.floats(0, 500))
-def test_a_loop_never_rests_at_its_seam(path: ObstacleMotion, time: float) -> None:
-    assert path.at(path.times[-1] + time).linear in [piece.linear for piece in path.pieces[:-1]]
+    assert path.at(path.times[-1] + later).linear in [piece.linear for piece in path.pieces[:-1]]
 
 
 @given(COORDINATES, COORDINATES, st.floats(0.1, 0.9))

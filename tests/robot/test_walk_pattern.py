@@ -84,7 +84,9 @@ def test_the_mass_moves_as_a_pendulum_over_its_zero_moment_point(command: Reques
 
 
 @REQUESTS
-def test_the_zero_moment_point_is_under_the_soles_that_carry(command: Request) -> None:
+def test_the_zero_moment_point_is_under_the_soles_that_carry_and_the_other_foot_comes_down_at_rest(
+    command: Request,
+) -> None:
     """Along its own way, and hardly beyond the middle of a sole that carries alone: by what a foot rolls, and what a
     new command takes."""
     whole, _ = walked([(command, 72)] * 8)
@@ -95,6 +97,18 @@ def test_the_zero_moment_point_is_under_the_soles_that_carry(command: Request) -
         sole = whole.soles[row, int(carries[1])]
         x, y = rotated(whole.zmp[row] - sole[:2], -float(sole[3])).tolist()
         assert abs(x) < ROLL * 0.14 * 72 * GAIT.dt + 0.01 and abs(y) < 0.02
+    # A sole lifts and touches down at less than a hundredth of its greatest speed, and stays while it carries.
+    places, carries = whole.soles[..., :3], whole.carries
+    assert places[..., 2].min() >= 0.0
+    speed = np.linalg.norm(np.diff(places, axis=0), axis=-1) / GAIT.dt
+    for foot in range(2):
+        raised = (places[:, foot, 2] > 0.0).astype(int)
+        lifts, touchdowns = (np.flatnonzero(np.diff(raised) == change) for change in (1, -1))
+        assert len(touchdowns) > 2
+        # A path whose speed and acceleration vanish at its ends moves by its jerk alone in the first and last tick.
+        assert speed[[*lifts, *touchdowns], foot].max() < 0.01 * speed[:, foot].max()
+        assert speed[carries[1:, foot] & carries[:-1, foot], foot].max() == 0.0
+    assert carries.any(axis=1).all()
 
 
 @REQUESTS
@@ -107,24 +121,6 @@ def test_nothing_jumps_where_the_support_changes_or_a_path_goes_on_from_another(
     assert np.abs(np.diff(whole.zmp, 2, axis=0)).max() < 0.02
     assert np.abs(np.diff(whole.yaws)).max() < 0.01
     assert np.abs(np.diff(whole.soles, axis=0)).max() < 0.014
-
-
-@REQUESTS
-def test_a_foot_leaves_the_floor_and_comes_down_at_rest(command: Request) -> None:
-    """A sole lifts and touches down at less than a hundredth of its greatest speed, is never below the floor, and
-    stays while it carries."""
-    whole, _ = walked([(command, 72)] * 6)
-    places, carries = whole.soles[..., :3], whole.carries
-    assert places[..., 2].min() >= 0.0
-    speed = np.linalg.norm(np.diff(places, axis=0), axis=-1) / GAIT.dt
-    for foot in range(2):
-        raised = (places[:, foot, 2] > 0.0).astype(int)
-        lifts, touchdowns = (np.flatnonzero(np.diff(raised) == change) for change in (1, -1))
-        assert len(touchdowns) > 2
-        # A path whose speed and acceleration vanish at its ends moves by its jerk alone in the first and last tick.
-        assert speed[[*lifts, *touchdowns], foot].max() < 0.01 * speed[:, foot].max()
-        assert speed[carries[1:, foot] & carries[:-1, foot], foot].max() == 0.0
-    assert carries.any(axis=1).all()
 
 
 @REQUESTS

@@ -108,12 +108,9 @@ def test_it_begins_and_ends_with_the_performer(velocity: tuple[float, float, flo
     assert len(begins) == len(ends) == 1
     assert 0.0 <= begins[0] * DT - 1.0 < 2.0 * STEP_S
     assert -0.1 < ends[0] * DT - 7.0 < 0.8 + 2.0 * GAIT.period
-
-
-def test_what_it_is_behind_is_bounded() -> None:
-    request, _ = driven((1.2, 0.0, 0.0), walk_s=6.0)
-    greatest = max(one.forward for one in request if one is not None)
-    assert greatest <= SCALE * 1.2 + 2.0 * GAIT.period * MOST.forward / 1.5 + 0.02
+    if velocity[0] > 1.0:  # what it is behind is bounded
+        greatest = max(one.forward for one in request if one is not None)
+        assert greatest <= SCALE * velocity[0] + 2.0 * GAIT.period * MOST.forward / 1.5 + 0.02
 
 
 def test_a_performer_on_one_leg_does_not_walk() -> None:
