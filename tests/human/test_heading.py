@@ -32,13 +32,20 @@ def angle_of(heading: Heading) -> float:
     return degrees(np.arctan2(heading.forward[1], heading.forward[0]))
 
 
-def human_heading(*, feet: bool = True) -> Heading:
-    return Heading(load_priorities("human").heading, ABOVE, feet=feet)
+def human_heading(points: dict[str, Point], *, feet: bool = True) -> Heading:
+    heading = Heading(load_priorities("human").heading, ABOVE, feet=feet)
+    heading.start(points, {})
+    return heading
+
+
+def stay(heading: Heading, points: dict[str, Point], ticks: int) -> None:
+    for _ in range(ticks):
+        heading.step(points, {}, dt=0.01)
 
 
 def test_a_still_performer_s_heading_stays() -> None:
     """Hints of moving parts and of a pelvis that faces elsewhere, from the first instant on."""
-    heading, facing = human_heading(), {"pelvis": (0.0, 1.0)}
+    heading, facing = human_heading(STANDING), {"pelvis": (0.0, 1.0)}
     heading.start(STANDING, facing)
     begun = angle_of(heading)
     assert 10.0 < begun < 80.0
@@ -66,15 +73,13 @@ def test_sensors_that_know_where_they_look_count() -> None:
 def test_without_any_hint_the_heading_stays() -> None:
     heading = Heading(HeadingSettings(), ABOVE)
     heading.start(moved(STANDING, 1.0), {})
-    for _ in range(2000):
-        heading.step({}, {}, dt=0.01)
+    stay(heading, {}, 2000)
     assert heading.forward == pytest.approx((cos(1.0), sin(1.0)))
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.0, 3.0])
 def test_the_heading_turns_with_the_body_wherever_it_stands(turn: float) -> None:
-    heading, size = human_heading(), 0.7
-    heading.start(moved(STANDING, turn, x=3.0, y=-1.0), {})
+    heading, size = human_heading(moved(STANDING, turn, x=3.0, y=-1.0)), 0.7
     assert heading.forward == pytest.approx((cos(turn), sin(turn)))
     smaller = Heading(load_priorities("human").heading, size * ABOVE)
     reaching = STANDING | {"l_wrist": (0.5, 0.0, 1.2)}
@@ -84,17 +89,14 @@ def test_the_heading_turns_with_the_body_wherever_it_stands(turn: float) -> None
 
 
 def test_a_mirrored_body_has_the_mirrored_heading() -> None:
-    left, right = human_heading(), human_heading()
-    left.start(STANDING | {"l_wrist": (0.5, 0.1, 0.3)}, {})
-    right.start(STANDING | {"r_wrist": (0.5, -0.1, 0.3)}, {})
+    left = human_heading(STANDING | {"l_wrist": (0.5, 0.1, 0.3)})
+    right = human_heading(STANDING | {"r_wrist": (0.5, -0.1, 0.3)})
     assert angle_of(left) == pytest.approx(-angle_of(right)) != 0.0
 
 
 def test_one_hand_that_reaches_forward_turns_the_body_little() -> None:
     """The line between the wrists turns by 45 degrees, the body of a person by about 10."""
-    heading = human_heading()
-    heading.start(STANDING | {"r_wrist": (0.6, -0.25, 1.2)}, {})
-    assert abs(angle_of(heading)) < 25.0
+    assert abs(angle_of(human_heading(STANDING | {"r_wrist": (0.6, -0.25, 1.2)}))) < 25.0
 
 
 def test_planted_feet_keep_the_heading_while_the_trunk_bends_to_the_side() -> None:
@@ -104,10 +106,8 @@ def test_planted_feet_keep_the_heading_while_the_trunk_bends_to_the_side() -> No
     def turned_by(settings: HeadingSettings) -> float:
         heading = Heading(settings, ABOVE)
         heading.start(STANDING, {})
-        for _ in range(500):
-            heading.step(STANDING, {}, dt=0.01)
-        for _ in range(150):
-            heading.step(bent, {}, dt=0.01)
+        stay(heading, STANDING, 500)
+        stay(heading, bent, 150)
         return abs(angle_of(heading))
 
     settings = load_priorities("human").heading
@@ -117,25 +117,19 @@ def test_planted_feet_keep_the_heading_while_the_trunk_bends_to_the_side() -> No
 @pytest.mark.parametrize("rate", [1.0, 6.0])
 def test_a_body_that_turns_on_its_feet_is_followed(rate: float) -> None:
     """By steps, or by shuffling so slowly that both feet seem planted. rate: rad/s, ankles 0.1 m from the middle."""
-    heading = human_heading()
-    heading.start(STANDING, {})
-    for _ in range(1000):
-        heading.step(STANDING, {}, dt=0.01)
+    heading = human_heading(STANDING)
+    stay(heading, STANDING, 1000)
     angle = 0.0
     while angle < pi:
         angle += 0.01 * rate
         heading.step(moved(STANDING, angle), {}, dt=0.01)
-    for _ in range(80):
-        heading.step(moved(STANDING, angle), {}, dt=0.01)
+    stay(heading, moved(STANDING, angle), 80)
     assert np.cos(np.radians(angle_of(heading)) - angle) > 0.95
 
 
 def test_without_feet_the_heading_follows_the_hands_at_once() -> None:
     worn = {name: point for name, point in STANDING.items() if "ankle" not in name}
-    heading = human_heading(feet=False)
-    heading.start(worn, {})
-    for _ in range(1000):
-        heading.step(worn, {}, dt=0.01)
-    for _ in range(100):
-        heading.step(moved(worn, 1.0), {}, dt=0.01)
+    heading = human_heading(worn, feet=False)
+    stay(heading, worn, 1000)
+    stay(heading, moved(worn, 1.0), 100)
     assert np.radians(angle_of(heading)) == pytest.approx(1.0, abs=0.02)

@@ -1,4 +1,4 @@
-"""Where the centre of mass belongs, what carries the pelvis, how a body gets down, where feet are that nobody wears."""
+"""Where the centre of mass belongs, what carries the pelvis, how a body gets down, where feet without sensors are."""
 
 from itertools import pairwise
 

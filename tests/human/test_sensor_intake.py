@@ -1,4 +1,4 @@
-"""Sensors that are lost, come back or jump: what is asked of the body stays continuous."""
+"""Sensors that are lost, come back or jump: the goals of the body stay continuous."""
 
 import re
 
@@ -30,6 +30,7 @@ def test_far_sensors_come_back_along_their_line_to_the_head() -> None:
 
 DT = 1.0 / 120.0
 HERE = np.array([[0.0, 0.0, 1.0], [0.5, 0.0, 1.0]])
+SIDE_JUMP = np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
 NOWHERE = np.full((2, 3), np.nan)
 UNTURNED = np.full((2, 4), np.nan)
 TIMES = IntakeTimes()
@@ -39,9 +40,16 @@ def valid(*flags: bool) -> BoolArray:
     return np.array(flags)
 
 
-def started() -> SensorIntake:
-    intake = SensorIntake(2)
-    intake.start(HERE, UNTURNED, valid(True, True))
+def started(turns: FloatArray = UNTURNED, times: IntakeTimes = TIMES) -> SensorIntake:
+    intake = SensorIntake(2, times)
+    intake.start(HERE, turns, valid(True, True))
+    return intake
+
+
+def resumed(times: IntakeTimes = SLOW_INTAKE, *, turns: FloatArray = UNTURNED, speed: float = 1.0) -> SensorIntake:
+    """After a hold."""
+    intake = started(turns, times)
+    intake.resume(speed)
     return intake
 
 
@@ -53,9 +61,8 @@ def test_ordinary_motion_passes_unchanged() -> None:
         assert (intake.position == position).all()
 
 
-def test_a_leap_that_stays_is_led_in() -> None:
-    intake = started()
-    there = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
+def test_a_jump_that_stays_is_followed_slowly() -> None:
+    intake, there = started(), HERE + SIDE_JUMP
     steps, before = [], intake.position.copy()
     for _ in range(round((DOUBT_S + 8 * TIMES.fade) / DT)):
         intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=DT)
@@ -66,32 +73,29 @@ def test_a_leap_that_stays_is_led_in() -> None:
     assert intake.measured == pytest.approx(there)
 
 
-@pytest.mark.parametrize("lasting", [1, 3, 12])
-def test_a_leap_that_comes_back_is_not_followed(lasting: int) -> None:
+@pytest.mark.parametrize("ticks", [1, 3, 12])
+def test_a_jump_that_comes_back_is_not_followed(ticks: int) -> None:
     intake = started()
     for k in range(60):
         at = HERE + np.array([1.5 * DT * k, 0.0, 0.0])  # [m] 1.5 m/s
-        leap = np.array([[0.0, 0.0, 0.0], [0.0, 0.5 if 10 <= k < 10 + lasting else 0.0, 0.0]])
-        intake.step(at + leap, UNTURNED, valid(True, True), reached=HERE, dt=DT)
-        assert np.abs(intake.position - at).max() <= 1.5 * DT * (lasting + 1) + 1e-9
+        intake.step(at + SIDE_JUMP * (10 <= k < 10 + ticks), UNTURNED, valid(True, True), reached=HERE, dt=DT)
+        assert np.abs(intake.position - at).max() <= 1.5 * DT * (ticks + 1) + 1e-9
     assert intake.position == pytest.approx(at, abs=1e-3)
 
 
 @pytest.mark.parametrize("lost", [9, 12], ids=["before it", "in it"])
-def test_a_leap_beside_a_lost_sample_is_not_followed(lost: int) -> None:
+def test_a_jump_beside_a_lost_sample_is_not_followed(lost: int) -> None:
     """As an optical system loses a marker, and then takes another for it."""
     intake = started()
-    leap = np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
     for k in range(60):
-        at = HERE + leap * (10 <= k < 22)
+        at = HERE + SIDE_JUMP * (10 <= k < 22)
         known = k != lost
         intake.step(np.where([[True], [known]], at, NOWHERE), UNTURNED, valid(True, known), reached=HERE, dt=DT)
         assert np.abs(intake.position - HERE).max() < 0.01
 
 
-def test_the_way_back_of_a_leap_that_was_followed_is_followed_at_once() -> None:
-    intake = started()
-    there = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
+def test_the_return_of_a_jump_that_was_followed_is_followed_at_once() -> None:
+    intake, there = started(), HERE + SIDE_JUMP
     for at in [HERE] + 60 * [there] + 24 * [HERE] + 60 * [there]:
         intake.step(at, UNTURNED, valid(True, True), reached=HERE, dt=DT)
         if at is HERE:
@@ -108,25 +112,23 @@ def test_a_short_loss_is_bridged_and_a_long_one_frees_the_body() -> None:
         assert intake.present[0] and np.isfinite(intake.position).all()
         ticks += 1
     assert ticks * DT == pytest.approx(TIMES.hold, abs=2 * DT)
-    reached = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.3]])  # the free hand sank
-    intake.step(HERE, UNTURNED, valid(True, True), reached=reached, dt=DT)
+    sunk = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.3]])
+    intake.step(HERE, UNTURNED, valid(True, True), reached=sunk, dt=DT)
     assert intake.present.all()
-    assert np.abs(intake.position[1] - reached[1]).max() < 0.3 * DT / TIMES.fade + 1e-9
+    assert np.abs(intake.position[1] - sunk[1]).max() < 0.3 * DT / TIMES.fade + 1e-9
 
 
 def test_a_sensor_missing_from_the_start_comes_in_from_where_the_body_has_it() -> None:
     intake = SensorIntake(2)
     intake.start(np.where([[False], [True]], NOWHERE, HERE), UNTURNED, valid(True, False))
     assert list(intake.present) == [True, False] and np.isfinite(intake.position).all()
-    reached = HERE - 0.2
-    intake.step(HERE, UNTURNED, valid(True, True), reached=reached, dt=DT)
-    assert np.abs(intake.position[1] - reached[1]).max() < 0.2 * DT / TIMES.fade + 1e-9
+    intake.step(HERE, UNTURNED, valid(True, True), reached=HERE - 0.2, dt=DT)
+    assert np.abs(intake.position[1] - (HERE[1] - 0.2)).max() < 0.2 * DT / TIMES.fade + 1e-9
 
 
 def came_back(times: IntakeTimes, *, far: float, hold: bool = False) -> FloatArray:
     """Lost, while the body lets it sink by `far` m, and back; or all of them after a hold: its goals."""
-    intake, sunk, asked = SensorIntake(2, times), HERE - np.array([[0.0, 0.0, 0.0], [0.0, 0.0, far]]), []
-    intake.start(HERE, UNTURNED, valid(True, True))
+    intake, sunk, goals = started(times=times), HERE - np.array([[0.0, 0.0, 0.0], [0.0, 0.0, far]]), []
     lost = np.where([[False], [True]], NOWHERE, HERE)
     for _ in range(0 if hold else 100):
         intake.step(lost, UNTURNED, valid(True, False), reached=sunk, dt=DT)
@@ -134,23 +136,25 @@ def came_back(times: IntakeTimes, *, far: float, hold: bool = False) -> FloatArr
         intake.resume()
     for _ in range(1400):
         intake.step(HERE, UNTURNED, valid(True, True), reached=sunk, dt=DT)
-        asked.append(intake.position[1, 2])
+        goals.append(intake.position[1, 2])
         assert (intake.position[0] == HERE[0]).all() and intake.present.all()
-        assert intake.away == pytest.approx(HERE[1, 2] - asked[-1], abs=1e-5)
+        assert intake.away == pytest.approx(HERE[1, 2] - goals[-1], abs=1e-5)
     assert intake.away == 0.0
-    return np.array(asked)
+    return np.array(goals)
 
 
 @pytest.mark.parametrize("hold", [False, True])
 @pytest.mark.parametrize(("times", "far"), [(SLOW_INTAKE, 0.05), (SLOW_INTAKE, 0.2), (SLOW_INTAKE, 1.0), (TIMES, 0.2)])
-def test_who_comes_back_starts_where_the_body_has_it_and_is_slow(times: IntakeTimes, far: float, hold: bool) -> None:
-    asked, times = came_back(times, far=far, hold=hold), SLOW_INTAKE if hold else times
+def test_a_sensor_that_comes_back_starts_where_the_body_has_it_and_is_slow(
+    times: IntakeTimes, far: float, hold: bool
+) -> None:
+    goals, times = came_back(times, far=far, hold=hold), SLOW_INTAKE if hold else times
     fastest = min(times.speed, far / times.fade) * DT + 1e-9
-    steps = np.diff(asked)
-    assert asked[0] == pytest.approx(HERE[1, 2] - far, abs=fastest)
+    steps = np.diff(goals)
+    assert goals[0] == pytest.approx(HERE[1, 2] - far, abs=fastest)
     assert (steps >= 0.0).all() and steps.max() <= fastest
-    took = np.count_nonzero(asked < HERE[1, 2] - 0.01) * DT
-    assert far / times.speed <= took + times.fade <= far / times.speed + 5.0 * times.fade
+    elapsed = np.count_nonzero(goals < HERE[1, 2] - 0.01) * DT
+    assert far / times.speed <= elapsed + times.fade <= far / times.speed + 5.0 * times.fade
 
 
 def about_z(angle: float) -> FloatArray:
@@ -159,8 +163,7 @@ def about_z(angle: float) -> FloatArray:
 
 @pytest.mark.parametrize("hold", [False, True])
 def test_an_orientation_that_comes_back_begins_where_it_was_last(hold: bool) -> None:
-    intake = SensorIntake(2, SLOW_INTAKE)
-    intake.start(HERE, about_z(0.3), valid(True, True))
+    intake = started(about_z(0.3), SLOW_INTAKE)
     intake.step(HERE, about_z(0.3), valid(True, True), reached=HERE, dt=DT)
     assert (intake.orientation == about_z(0.3)).all()
     if hold:
@@ -179,9 +182,7 @@ def test_an_orientation_that_comes_back_begins_where_it_was_last(hold: bool) -> 
 
 def test_after_a_hold_no_distance_is_a_jump() -> None:
     """The performer has walked away meanwhile."""
-    intake, there = SensorIntake(2, SLOW_INTAKE), HERE + 3.0
-    intake.start(HERE, UNTURNED, valid(True, True))
-    intake.resume()
+    intake, there = resumed(), HERE + 3.0
     for tick in range(1, 3200):
         intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=DT)
         assert np.linalg.norm(intake.position - HERE, axis=1).max() <= SLOW_INTAKE.speed * DT * tick + 1e-9
@@ -190,9 +191,7 @@ def test_after_a_hold_no_distance_is_a_jump() -> None:
 
 def test_a_goal_waits_for_a_sensor_that_comes_to_it() -> None:
     """The body holds upright, and the performer rises from a squat: no goal is above either of them."""
-    intake, low = SensorIntake(2, SLOW_INTAKE), HERE - np.array([0.0, 0.0, 0.5])
-    intake.start(HERE, UNTURNED, valid(True, True))
-    intake.resume()
+    intake, low = resumed(), HERE - np.array([0.0, 0.0, 0.5])
     before = HERE
     for tick in range(300):
         risen = np.minimum(low + np.array([0.0, 0.0, 0.8 * DT * tick]), HERE)
@@ -205,9 +204,7 @@ def test_a_goal_waits_for_a_sensor_that_comes_to_it() -> None:
 
 def test_goals_come_in_together() -> None:
     """One sensor is twice as far from its goal as the other, at all times."""
-    intake = SensorIntake(2, SLOW_INTAKE)
-    intake.start(HERE, UNTURNED, valid(True, True))
-    intake.resume()
+    intake = resumed()
     there = HERE + np.array([[0.2, 0.0, 0.0], [0.0, 0.4, 0.0]])
     for _ in range(60):
         intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=DT)
@@ -297,15 +294,10 @@ def test_truth_is_reordered_and_unknown_joints_are_nan(frames: SensorFrames) -> 
 @pytest.mark.parametrize(
     "playback",
     [
-        {"speed": 0.0},
-        {"speed": -1.0},
-        {"speed": float("nan")},
-        {"speed": 1e9},
-        {"start": -1.0},
-        {"start": float("inf")},
+        *({"speed": speed} for speed in (0.0, -1.0, float("nan"), 1e9)),
+        *({"start": start} for start in (-1.0, float("inf"))),
         {"end": float("nan")},
-        {"start": 2.0, "end": 1.0},
-        {"start": 1.0, "end": 1.0},
+        *({"start": start, "end": 1.0} for start in (2.0, 1.0)),
     ],
 )
 def test_impossible_playback_is_refused(playback: dict[str, float]) -> None:
@@ -366,9 +358,8 @@ def about(intake: SensorIntake, turn: float, *, known: bool = True, seen: tuple[
 
 
 @pytest.mark.parametrize("lost", [0, 1, 200])
-def test_an_orientation_that_jumps_or_comes_back_alone_is_led_in(lost: int) -> None:
-    intake = SensorIntake(2, SLOW_INTAKE)
-    intake.start(HERE, about_z(0.0), valid(True, True))
+def test_an_orientation_that_jumps_or_comes_back_alone_turns_slowly(lost: int) -> None:
+    intake = started(about_z(0.0), SLOW_INTAKE)
     for _ in range(lost):
         about(intake, 0.0, known=False)
     angles = [0.0] + [about(intake, 2.5) for _ in range(400)]
@@ -376,9 +367,7 @@ def test_an_orientation_that_jumps_or_comes_back_alone_is_led_in(lost: int) -> N
 
 
 def test_all_are_slow_after_a_hold_also_those_that_come_back_later() -> None:
-    intake, there = SensorIntake(2), HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.3]])
-    intake.start(HERE, UNTURNED, valid(True, True))
-    intake.resume()
+    intake, there = resumed(TIMES), HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.3]])
     intake.step(NOWHERE, UNTURNED, valid(False, False), reached=HERE, dt=DT)
     for _ in range(200):
         intake.step(there, UNTURNED, valid(True, False), reached=HERE, dt=DT)
@@ -395,9 +384,7 @@ def test_all_are_slow_after_a_hold_also_those_that_come_back_later() -> None:
 
 
 def test_a_sensor_that_stays_away_holds_no_other_back() -> None:
-    intake = SensorIntake(2, SLOW_INTAKE)
-    intake.start(HERE, about_z(0.0), valid(True, True))
-    intake.resume()
+    intake = resumed(turns=about_z(0.0))
     there = HERE + 0.1
     for _ in range(600):
         intake.step(there, about_z(1.0), valid(False, True), reached=HERE, dt=DT)
@@ -406,17 +393,13 @@ def test_a_sensor_that_stays_away_holds_no_other_back() -> None:
 
 def test_slow_is_slow_in_real_time() -> None:
     """A recording that is played four times as fast."""
-    intake, there = SensorIntake(2), HERE + np.array([0.0, 0.0, 0.5])
-    intake.start(HERE, UNTURNED, valid(True, True))
-    intake.resume(4.0)
+    intake, there = resumed(TIMES, speed=4.0), HERE + np.array([0.0, 0.0, 0.5])
     intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=4.0 * DT)
     assert np.abs(intake.position - HERE).max() == pytest.approx(SLOW_INTAKE.speed * DT)
 
 
-def test_a_new_start_forgets_what_was_led_in() -> None:
-    intake = SensorIntake(2, SLOW_INTAKE)
-    intake.start(HERE, UNTURNED, valid(True, True))
-    intake.resume()
+def test_a_new_start_forgets_the_offsets() -> None:
+    intake = resumed()
     intake.step(HERE + 0.5, UNTURNED, valid(True, True), reached=HERE, dt=DT)
     intake.start(HERE, UNTURNED, valid(True, True))
     intake.step(HERE, UNTURNED, valid(True, True), reached=HERE + 1.0, dt=DT)

@@ -36,7 +36,7 @@ class Said:
 @dataclass
 class StandIn:
     """runtime: whether the real body tracker is there. files: what is served instead of files, by path below the
-    key. welcome, state, scene: what every page hears; tracks: of the state. refused: inputs that are refused, with the
+    key. welcome, state, scene: sent to every page; tracks: of the state. refused: inputs that are refused, with the
     reason. said: by all pages. port, host: where it serves."""
 
     runtime: bool = False
@@ -68,9 +68,6 @@ class StandIn:
     def say(self, message: Message) -> None:
         """To every page."""
         asyncio.run_coroutine_threadsafe(self._broadcast(message), self._loop).result(5)
-
-    def note(self, text: str) -> None:
-        self.say({"type": "note", "text": text})
 
     def drop(self) -> None:
         """Lose every connection, as a network does."""
@@ -111,10 +108,10 @@ class StandIn:
         self.connections += 1
         self._live.add(connection)
         with suppress(ConnectionClosed):
-            await self._hear(connection, number)
+            await self._receive(connection, number)
         self._live.discard(connection)
 
-    async def _hear(self, connection: ServerConnection, number: int) -> None:
+    async def _receive(self, connection: ServerConnection, number: int) -> None:
         news: asyncio.Task[None] | None = None
         try:
             async for text in connection:
@@ -125,7 +122,7 @@ class StandIn:
                         await connection.send(json.dumps({"type": "refused", "why": why}))
                         return
                     await self._begin(connection)
-                    news = asyncio.create_task(self._tell(connection))
+                    news = asyncio.create_task(self._send_states(connection))
                 elif message.get("type") in ("pause", "go on"):
                     await self._broadcast({"type": "paused", "why": "why not" if message["type"] == "pause" else ""})
                 elif message.get("type") == "stop":
@@ -143,7 +140,7 @@ class StandIn:
         if self.scene:
             await connection.send(json.dumps({"type": "scene"} | self.scene))
 
-    async def _tell(self, connection: ServerConnection) -> None:
+    async def _send_states(self, connection: ServerConnection) -> None:
         with suppress(ConnectionClosed):
             while True:
                 sizes = {name: one.size for name, one in self.tracks.items()}

@@ -130,7 +130,7 @@ def test_what_is_asked_before_the_performer_is_known_is_not_lost() -> None:
     run.begin(setup, rate_hz=25.0)
     assert run.stop_requested()
     theirs.close()
-    run.announce("nobody reads it")
+    run.announce("no page reads it")
     with refuses(ConfigError):
         run.begin(setup, rate_hz=25.0)
 

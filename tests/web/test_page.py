@@ -100,7 +100,7 @@ def opened(browser: Any, stand_in: StandIn, *, script: str = "", address: str = 
     stand_in.wait(lambda: stand_in.messages("hello"))
     yield page
     context.close()
-    lost = ("WebSocket", "INFO:")  # a connection that a test cuts; what the real runtime tells
+    lost = ("WebSocket", "INFO:")  # a connection that a test cuts; logs of the real runtime
     assert [text for text in wrong if not text.startswith(lost)] == []
     assert {host.split(":")[-1] for host in hosts} == {str(stand_in.port)}
 
@@ -117,7 +117,7 @@ def performing(page: Any, stand_in: StandIn) -> Said:
 
 
 def following(page: Any, stand_in: StandIn) -> None:
-    """The run says that it follows, and the page has heard it."""
+    """The run says that it follows, and the page shows it."""
     stand_in.state = FOLLOWING
     page.wait_for_function("() => document.getElementById('state').textContent === 'Following'")
 
@@ -134,8 +134,8 @@ def two_more_reports(stand_in: StandIn, **expected: object) -> float:
     since = stand_in.said[-1].at
 
     def found() -> list[Said]:
-        told = stand_in.messages("health", since)
-        return [one for one in told if all(one.message[key] == value for key, value in expected.items())]
+        reports = stand_in.messages("health", since)
+        return [one for one in reports if all(one.message[key] == value for key, value in expected.items())]
 
     first: float = stand_in.wait(lambda: len(found()) > 1 and found()[0].at)
     return first
@@ -203,7 +203,7 @@ def test_a_slow_tracker_leaves_the_page_alive_and_gets_the_newest_picture_only(b
         ({"stretch": 1.35}, "does not see your feet"),
         ({"shift": -0.2}, "does not see your head"),
     ],
-    ids=["nobody", "two", "part", "feet", "head"],
+    ids=["no person", "two", "part", "feet", "head"],
 )
 def test_what_is_wrong_in_the_picture_is_said(browser: Any, scene: dict[str, Any], words: str) -> None:
     with running(StandIn(files=tracker(**scene))) as stand_in, opened(browser, stand_in) as page:
@@ -269,7 +269,7 @@ def test_an_input_that_cannot_be_chosen_says_why(
             arg=[given, words],
         )
         assert button.is_disabled() and page.locator("[data-input=watch]").is_enabled()
-        if given == "camera":  # and there is no headset: the terminal hears it
+        if given == "camera":  # and there is no headset: the report has it
             says(page, words)
             two_more_reports(stand_in, trouble=page.inner_text("#trouble"))
 
@@ -288,7 +288,7 @@ def test_without_a_secure_context_it_says_what_to_do_and_still_looks_on(launch: 
             assert not stand_in.wait(lambda: stand_in.messages("health"))[-1].message["secure"]
 
 
-def test_a_second_performer_hears_why_and_may_look_on(browser: Any, stand_in: StandIn) -> None:
+def test_a_second_performer_is_refused_and_may_watch(browser: Any, stand_in: StandIn) -> None:
     stand_in.refused["camera"] = "another performer is here: one at a time"
     with opened(browser, stand_in) as page:
         choose(page, "camera")
@@ -303,7 +303,7 @@ def test_a_second_performer_hears_why_and_may_look_on(browser: Any, stand_in: St
 
 
 def hidden(page: Any, *, is_hidden: bool) -> None:
-    """Hide the page, or show it again, as its browser would tell it."""
+    """Hide the page, or show it again, as its browser would."""
     page.evaluate(
         """(hidden) => { Object.defineProperty(document, 'hidden', { value: hidden, configurable: true });
         document.dispatchEvent(new Event('visibilitychange')); }""",
@@ -388,8 +388,10 @@ def test_it_moves_only_while_a_key_or_a_finger_holds(browser: Any, stand_in: Sta
 
     with opened(browser, stand_in) as page:
         choose(page, "watch")
+        page.locator("#stop").wait_for()
+        assert page.locator(".stick:visible").count() == 0, "a run without a stick has no pads"
         page.keyboard.press("h")
-        assert not stand_in.messages("held"), "nobody asked for it"
+        assert not stand_in.messages("held"), "it is not in use"
         page.check("#hold")
         stand_in.wait(lambda: len(stand_in.messages("held")) > 3)
         assert not newest() and page.locator("#hold").is_disabled(), "who has begun goes on"
@@ -453,13 +455,6 @@ def test_pads_ask_for_a_walk_while_a_finger_is_on_one(browser: Any, stand_in: St
         assert len(stand_in.messages("stick")) == count, "who has let go says nothing"
 
 
-def test_a_run_without_a_stick_has_no_pads(browser: Any, stand_in: StandIn) -> None:
-    with opened(browser, stand_in) as page:
-        choose(page, "watch")
-        page.locator("#stop").wait_for()
-        assert page.locator(".stick:visible").count() == 0
-
-
 # What the performer sees.
 
 
@@ -468,7 +463,7 @@ def test_state_sensors_reach_notes_and_drawings_are_shown(browser: Any, stand_in
     with opened(browser, stand_in) as page:
         performing(page, stand_in)
         page.locator("#drawing[src='page/pose.svg']").wait_for()
-        stand_in.note("Stand still: 3 s")
+        stand_in.say({"type": "note", "text": "Stand still: 3 s"})
         says(page, "Stand still: 3 s", where="note")
         stand_in.state = {"state": "checking sides"}
         page.locator("#drawing[src='page/pose_left.svg']").wait_for()

@@ -88,9 +88,13 @@ def run(path: Path) -> ShownRun:
     return open_recorded(path)
 
 
-def test_every_row_is_as_it_was(path: Path, run: ShownRun) -> None:
+@pytest.fixture(scope="module")
+def arrays(path: Path) -> dict[str, Any]:
     with np.load(path) as saved:
-        arrays = {key: saved[key] for key in saved}
+        return dict(saved)
+
+
+def test_every_row_is_as_it_was(arrays: dict[str, Any], run: ShownRun) -> None:
     robot = run.cast.robot
     assert robot is not None and run.cast.joints == tuple(arrays["joint_names"])
     assert not run.cast.servos_measure
@@ -122,7 +126,7 @@ class Shown:
         return np.frombuffer(self.files["tracks"], kind, count, begin).astype(float)
 
 
-def test_the_page_has_every_tick(run: ShownRun, path: Path) -> None:
+def test_the_page_has_every_tick(run: ShownRun) -> None:
     page, robot = Shown(run), run.cast.robot
     data = page.data
     assert robot is not None and data["every"] == 1 and data["performer"]["layers"] == ["servos"]
@@ -145,9 +149,7 @@ def test_a_long_run_is_shown_more_coarsely(run: ShownRun, monkeypatch: pytest.Mo
     assert data["every"] == 3 and len(data["time"]) == len(data["phase"]) == -(-len(run) // 3)
 
 
-def test_sensors_are_shown_where_they_were_kept(path: Path, run: ShownRun, tmp_path: Path) -> None:
-    with np.load(path) as saved:
-        arrays = {key: saved[key] for key in saved}
+def test_sensors_are_shown_where_they_were_kept(arrays: dict[str, Any], run: ShownRun, tmp_path: Path) -> None:
     assert run.cast.sensors == tuple(arrays["sensor_names"])
     np.testing.assert_array_equal(run.sensors, arrays["sensor_positions"])
     older = tmp_path / "older.npz"
@@ -155,14 +157,10 @@ def test_sensors_are_shown_where_they_were_kept(path: Path, run: ShownRun, tmp_p
     assert open_recorded(older).cast.sensors == () and "sensors" not in open_recorded(older)
 
 
-def _without(arrays: dict[str, Any], key: str) -> dict[str, Any]:
-    return {name: value for name, value in arrays.items() if name != key}
-
-
 @pytest.mark.parametrize(
     ("change", "found"),
     [
-        (lambda a: _without(a, "human_q"), "human_q"),
+        (lambda a: {name: a[name] for name in a.keys() - {"human_q"}}, "human_q"),
         (lambda a: a | {"human_q": a["human_q"][:-1]}, "human_q"),
         (lambda a: a | {"sensor_positions": a["sensor_positions"][:-1]}, "sensor_positions"),
         (lambda a: a | {"sensor_names": a["sensor_names"][1:]}, "sensor_positions"),
@@ -171,9 +169,7 @@ def _without(arrays: dict[str, Any], key: str) -> dict[str, Any]:
         (lambda a: a | {"human_mjcf": np.array("<mujoco")}, ()),
     ],
 )
-def test_what_is_no_run_is_refused(path: Path, tmp_path: Path, change: Any, found: Facts) -> None:
-    with np.load(path) as saved:
-        arrays = {key: saved[key] for key in saved}
+def test_what_is_no_run_is_refused(arrays: dict[str, Any], tmp_path: Path, change: Any, found: Facts) -> None:
     changed = tmp_path / "changed.npz"
     np.savez(changed, **change(arrays))
     with refuses(InputError, found) as refused:

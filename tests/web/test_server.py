@@ -68,10 +68,10 @@ class Page:
     def poses(self) -> list[Datagram]:
         return self.until(lambda: self.receiver.poll(self.clock.now()))
 
-    def asked(self) -> list[ControlRequest]:
+    def requests(self) -> list[ControlRequest]:
         return self.until(lambda: [one for one, _ in self.control.poll(self.clock.now())])
 
-    def told(self, text: str) -> bool:
+    def logged(self, text: str) -> bool:
         """Wait until the run's terminal has a line with this text."""
 
         def found() -> bool:
@@ -120,6 +120,17 @@ class Browser:
 
 
 @contextmanager
+def steered() -> Iterator[tuple[PageServer, PageControl, VirtualClock]]:
+    """A server in this process, and the run's control of it."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs:
+        ours.setblocking(False)
+        clock = VirtualClock()
+        server = PageServer(Settings(listen=False, port=0, robot="op3", stick=True), theirs, None, clock)
+        yield server, PageControl(ViewFeed(ours, 0), lambda text: None), clock
+
+
+@contextmanager
 def page(**settings: Any) -> Iterator[Page]:
     with open_web(replace(Settings(listen=False, port=0, robot="op3"), **settings)) as (feed, receiver):
         yield Page(feed, receiver)
@@ -159,7 +170,7 @@ def test_files_are_served_to_who_has_the_key_with_a_policy(shared: Page) -> None
     }.items():
         assert fetched(place)[0] == expected, place
     assert fetched(shared.address, Host="evil.example")[0] == 403
-    assert shared.told("a page was refused: this page has another address")
+    assert shared.logged("a page was refused: this page has another address")
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", None])
@@ -189,13 +200,13 @@ def test_one_performer_at_a_time_and_the_one_who_was_measured() -> None:
             anna.receive("welcome")
             with one.browser(name="boris") as boris:
                 assert "performer" in boris.receive("refused")["why"]
-            assert one.told("one at a time")
+            assert one.logged("one at a time")
             with one.browser(name="anna") as again:  # the same page, loaded anew or doubled
                 assert again.receive("welcome") and anna.receive("refused")
                 anna.socket.send(FRAME.replace("1.5", "2.5"))
                 again.socket.send(FRAME)
                 assert [found.payload for found in one.poses()] == [FRAME.encode()]
-        one.told("the performer's page is gone")
+        one.logged("the performer's page is gone")
         with one.browser(name="boris") as boris:
             boris.receive("welcome")
             boris.socket.send(FRAME)
@@ -203,7 +214,7 @@ def test_one_performer_at_a_time_and_the_one_who_was_measured() -> None:
             one.feed.begin(PageSetup(None, None, None, human()), rate_hz=100.0)
             with one.browser("watch", "olga") as olga:
                 assert olga.receive("scene")["robot"] is None, "who comes later sees it, too"
-        assert set(one.asked()) == {ControlRequest.PAGE_HOLD}, "who is measured has gone: it goes on when asked to"
+        assert set(one.requests()) == {ControlRequest.PAGE_HOLD}, "who is measured has gone: it goes on when asked to"
         for kind, name in (("headset", "anna"), ("camera", "boris")):
             with one.browser(kind, name) as other:
                 assert "measured" in other.receive("refused")["why"]
@@ -211,32 +222,24 @@ def test_one_performer_at_a_time_and_the_one_who_was_measured() -> None:
             boris.receive("welcome")
             boris.socket.send(FRAME)
             assert one.poses()[0].source == ("127.0.0.1", 2)
-            assert set(one.asked()) == {ControlRequest.PAGE_HOLD}, "nothing else comes"
-
-
-def test_a_stop_is_sent_until_the_run_ends() -> None:
-    with page() as one, one.browser("watch", "olga") as olga:
-        olga.send(type="stop")
-        assert olga.receive("stop")
-        for _ in range(3):
-            assert one.until(one.feed.stop_requested)
-            one.feed._stop = False  # as if the run had not heard it
+            assert set(one.requests()) == {ControlRequest.PAGE_HOLD}, "nothing else comes"
 
 
 def human() -> str:
     return build_human(dimensions(performer())).mjcf
 
 
-@pytest.mark.long
-def test_what_a_page_asks_for_reaches_the_operator() -> None:
+def test_what_a_page_requests_reaches_the_operator_and_a_stop_until_the_run_ends() -> None:
     with page() as one, one.browser("watch", "olga") as olga:
         olga.send(type="pause")
-        assert one.asked() == [ControlRequest.PAGE_HOLD]
+        assert one.requests() == [ControlRequest.PAGE_HOLD]
         olga.send(type="go on")
-        assert one.asked() == [ControlRequest.PAGE_GO_ON]
+        assert one.requests() == [ControlRequest.PAGE_GO_ON]
         olga.send(type="stop")
         assert olga.receive("stop"), "it is confirmed"
-        assert one.until(one.feed.stop_requested)
+        for _ in range(3):
+            one.feed._stop = False  # as if the run had not received it
+            assert one.until(one.feed.stop_requested)
         with pytest.raises(KeyboardInterrupt):
             one.control.look()
         olga.send(type="ping", t=17.5)
@@ -248,15 +251,15 @@ def test_a_dead_man_control_lapses_with_its_page() -> None:
         with one.browser("watch", "olga") as olga:
             assert olga.receive("welcome")["dead_man"]
             olga.send(type="held", held=True)
-            assert one.asked() == [ControlRequest.GRIP]
+            assert one.requests() == [ControlRequest.GRIP]
             olga.send(type="held", held=False)
-            assert one.asked() == [ControlRequest.RELEASE]
+            assert one.requests() == [ControlRequest.RELEASE]
             olga.send(type="held", held=True)
-            assert one.asked() == [ControlRequest.GRIP]
-            assert one.asked() == [ControlRequest.RELEASE], "the page says nothing any more"
+            assert one.requests() == [ControlRequest.GRIP]
+            assert one.requests() == [ControlRequest.RELEASE], "the page says nothing any more"
             olga.send(type="held", held=True)
-            assert one.asked() == [ControlRequest.GRIP]
-        assert one.asked() == [ControlRequest.RELEASE], "the page is gone"
+            assert one.requests() == [ControlRequest.GRIP]
+        assert one.requests() == [ControlRequest.RELEASE], "the page is gone"
 
 
 def test_pads_steer_a_run_that_asks_for_them_until_they_are_let_go() -> None:
@@ -279,13 +282,9 @@ def test_pads_steer_a_run_that_asks_for_them_until_they_are_let_go() -> None:
 
 
 def test_one_page_at_a_time_steers() -> None:
-    """What another says meanwhile neither turns nor stops the robot."""
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    with ours, theirs:
-        ours.setblocking(False)
-        clock, olga, pete = VirtualClock(), Mock(), Mock()
-        server = PageServer(Settings(listen=False, port=0, robot="op3", stick=True), theirs, None, clock)
-        control = PageControl(ViewFeed(ours, 0), lambda text: None)
+    """Messages of another page meanwhile neither turn nor stop the robot."""
+    olga, pete = Mock(), Mock()
+    with steered() as (server, control, clock):
 
         def after(client: Mock, forward: float) -> float:
             server.steer(client, {"forward": forward, "left": 0.0, "turn": 0.0})
@@ -299,7 +298,7 @@ def test_one_page_at_a_time_steers() -> None:
 
 
 @pytest.mark.parametrize("performs", [True, False])
-def test_nobody_steers_a_run_that_does_not_ask_for_it(performs: bool) -> None:
+def test_no_page_steers_a_run_without_pads(performs: bool) -> None:
     with page(performs=performs) as one, one.browser("watch", "olga") as olga:
         assert not olga.receive("welcome")["stick"]
         olga.send(type="stick", forward=1.0, left=0.0, turn=0.0)
@@ -313,40 +312,25 @@ JUNK = st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.
 @settings(max_examples=300)
 @given(st.dictionaries(st.sampled_from(["forward", "left", "turn", "up"]), JUNK))
 def test_whatever_a_page_asks_for_is_within_range_or_refused(said: dict[str, Any]) -> None:
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     shares = [said.get(name) for name in ("forward", "left", "turn")]
     numbers = [one for one in shares if isinstance(one, int | float) and not isinstance(one, bool)]
     is_valid = len(numbers) == 3 and all(-1.0 <= one <= 1.0 for one in numbers)
-    with ours, theirs:
-        ours.setblocking(False)
-        server = PageServer(Settings(listen=False, port=0, robot="op3", stick=True), theirs, None, VirtualClock())
+    with steered() as (server, control, _):
         try:
             server.steer(Mock(), said)
         except Exception:  # noqa: BLE001 - what it raises is private
             assert not is_valid
             return
         assert is_valid
-        control = PageControl(ViewFeed(ours, 0), lambda text: None)
         assert not [*control.poll(0.0)] and all(-1.0 <= share <= 1.0 for share in control.shares(HELD_S))
         assert control.shares(HELD_S + 0.01) == STAND
 
 
-class Words:
-    """A feed that says what a test lets it."""
-
-    def __init__(self) -> None:
-        self.next: list[str] = []
-
-    def messages(self) -> list[str]:
-        found, self.next = self.next, []
-        return found
-
-
 def test_all_dead_man_controls_are_held_and_lapse_where_the_server_hangs() -> None:
-    words = Words()
-    control = PageControl(words, lambda text: None)  # type: ignore[arg-type]
+    sent = list[str]()
+    control = PageControl(Mock(messages=lambda: [sent.pop(0) for _ in range(len(sent))]), lambda text: None)
     assert not [*control.poll(0.0)], "it is not in use"
-    asked: dict[tuple[float, tuple[str, ...]], list[ControlRequest]] = {
+    requests: dict[tuple[float, tuple[str, ...]], list[ControlRequest]] = {
         (1.0, ("grip 0",)): [ControlRequest.GRIP],
         (1.2, ("grip 0",)): [],
         (1.19 + HELD_S, ()): [],
@@ -356,8 +340,8 @@ def test_all_dead_man_controls_are_held_and_lapse_where_the_server_hangs() -> No
         (9.0, ("grip 1",)): [ControlRequest.RELEASE],
         (9.1, ()): [],
     }
-    for (now, said), found in asked.items():
-        words.next = [*said]
+    for (now, words), found in requests.items():
+        sent += words
         assert [one for one, _ in control.poll(now)] == found, now
 
 
@@ -387,7 +371,7 @@ def test_a_page_that_does_not_say_what_it_is_is_sent_away(shared: Page) -> None:
     where = urlsplit(shared.address)
     with client.connect(f"ws://{where.netloc}{where.path}ws", origin=f"http://{where.netloc}") as socket:
         why = Browser(socket).receive("refused")["why"]
-    assert shared.told(f"a page was sent away: {why}")
+    assert shared.logged(f"a page was sent away: {why}")
 
 
 @pytest.mark.long
@@ -399,19 +383,19 @@ def test_a_flood_is_sent_away_and_the_run_goes_on() -> None:
                 for _ in range(5000):
                     anna.socket.send(FRAME)
                 anna.receive("none")
-        assert one.told("messages a second")
+        assert one.logged("messages a second")
         with one.browser() as anna:
             assert anna.receive("welcome"), "it may come back"
 
 
 @pytest.mark.long
-def test_a_new_trouble_of_a_page_is_said_once(shared: Page) -> None:
+def test_a_new_problem_of_a_page_is_logged_once(shared: Page) -> None:
     with shared.browser("camera", "carla") as carla:
         for _ in range(3):
             carla.send(type="health", trouble="the camera sees two people", rtt_ms=3.0, send_ms=40.0)
         carla.send(type="health", rtt_ms=1e300, send_ms=-1.0, agent="x" * 9000, fps=[1], secure="\n")
         carla.send(type="health", trouble="it is dark")
-        assert shared.told("it is dark")
+        assert shared.logged("it is dark")
     assert sum("two" in line for line in shared.said) == 1
     assert [said["rtt_ms"] for said in shared.control.health if "rtt_ms" in said] == [3.0] * 3
 
@@ -457,7 +441,7 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
         asked[landmarks.index("l_hand")] += [0.0, 0.0, 0.12]
         sensors = np.array([[0.0, 0.0, 1.6], [np.nan] * 3])
         anna.send(type="health", rtt_ms=4.0)
-        one.told("here")
+        one.logged("here")
         one.until(lambda: not [*one.control.poll(0.0)] and one.control.health)
 
         row = partial(shown_row, asked=asked, sensors=sensors)
@@ -519,7 +503,7 @@ def test_the_end_and_its_reason_are_shown() -> None:
 
 
 @pytest.mark.long
-def test_the_network_is_reached_over_https_with_the_certificate_that_is_told() -> None:
+def test_the_network_is_reached_over_https_with_the_certificate_that_is_printed() -> None:
     with page(listen=True) as one:
         where = urlsplit(one.address)
         assert where.scheme == "https" and where.port is not None

@@ -42,34 +42,28 @@ def row(human: Human, **changed: Any) -> RunTable:
     return RunTable(**known | changed)
 
 
-def colours(body: Any) -> set[tuple[float, ...]]:
-    return {tuple(mesh["colour"]) for mesh in body["meshes"]}
-
-
 def test_left_is_orange_and_right_is_blue_of_performer_and_robot(cast: Cast) -> None:
     scene = cast.as_json()
     sides = {tuple(round(value, 3) for value in rgb(side)) for side in (LEFT, RIGHT)}
     for body in (scene["human"]["body"], scene["robot"]["body"]):
-        assert sides < colours(body)
+        assert sides < {tuple(mesh["colour"]) for mesh in body["meshes"]}
     assert scene["robot"]["layers"] == ["desired", "goal", "pass", "scene", "observers"]
     assert scene["human"]["layers"] == ["servos"] and scene["joints"] == cast.joints
 
 
-def drawn_links(body: dict[str, Any]) -> set[int]:
-    """Rows of the poses of a body: a link has a mesh for each of its colours."""
-    return {mesh["link"] for mesh in body["meshes"]}
-
-
 def test_every_track_has_the_numbers_of_its_figure(cast: Cast, human: Human) -> None:
+    def drawn_links(body: dict[str, Any]) -> set[int]:
+        return {mesh["link"] for mesh in body["meshes"]}  # one mesh for each colour
+
     scene = cast.as_json()
-    asked, sensors = np.full((1, 3), 0.1), np.array([[0.0, 0.0, 1.0], [np.nan] * 3])
-    tracks = live_tracks(cast, row(human, landmarks_asked=asked, sensors=sensors, obstacles=AWAY))
+    desired, sensors = np.full((1, 3), 0.1), np.array([[0.0, 0.0, 1.0], [np.nan] * 3])
+    tracks = live_tracks(cast, row(human, landmarks_asked=desired, sensors=sensors, obstacles=AWAY))
     parts = {"poses": "body", "goal": "body", "scene": "scene", "observers": "observers"}
     for track, part in parts.items():
         assert tracks[f"robot.{track}"].size == 7 * len(drawn_links(scene["robot"][part])), part
     assert tracks["human.poses"].size == 7 * len(drawn_links(scene["human"]["body"]))
     assert tracks["robot.corners"].size == 3 * sum(scene["robot"]["sizes"]) and tracks["robot.com"].size == 3
-    np.testing.assert_array_equal(tracks["robot.marks"][0], asked)
+    np.testing.assert_array_equal(tracks["robot.marks"][0], desired)
     assert np.isnan(tracks["human.marks"][0, 1]).all(), "the head's is not valid"
     assert tracks["joints.servo"].size == 20 and np.isnan(tracks["joints.current"]).all()
 
