@@ -172,7 +172,7 @@ def _homed(
     clock = VirtualClock() if options.simulated else MonotonicClock()
     with closing(make_bus(options.bus, body, clock, posture=pose)) as servos:
         servos.open()
-        return homed(servos, ask=_agree, notify=typer.echo, clock=clock)
+        return homed(servos, confirm=_agree, notify=typer.echo, clock=clock)
 
 
 def _agree(question: str, enter: bool) -> bool:
