@@ -8,7 +8,8 @@ import sys
 from collections import Counter
 from functools import partial
 from pathlib import Path
-from typing import NoReturn
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
@@ -86,11 +87,9 @@ def test_a_bad_file_costs_itself_and_the_same_command_goes_on(data: Path, capsys
 def test_without_pyarrow_the_lines_stay_and_a_note_says_so(
     data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def missing() -> NoReturn:
-        raise UsageError("pyarrow is missing")
-
-    monkeypatch.setattr("retarget.batch.index.arrow", missing)
-    monkeypatch.setattr("retarget.batch.batch.still_to_do", lambda clips, *_, **__: NothingToDo())
+    nothing = SimpleNamespace(clips=(), done=2, failed=0)
+    monkeypatch.setattr("retarget.batch.index.arrow", Mock(side_effect=UsageError("pyarrow is missing")))
+    monkeypatch.setattr("retarget.batch.batch.still_to_do", lambda clips, *_, **__: nothing)
     assert code_of("--out", "out", "data") == 0
     assert "pyarrow" in capsys.readouterr().err and Path("out/index.jsonl").is_file()
 
@@ -113,10 +112,6 @@ def test_a_value_that_no_file_can_take_is_refused_before_any_clip(
     assert where in capsys.readouterr().err and not Path("out").exists()
 
 
-class NothingToDo:
-    clips, done, failed = (), 2, 0
-
-
 def test_a_file_of_the_same_name_that_comes_later_remakes_nothing(data: Path) -> None:
     (data / "bad.bvh").unlink()
     assert code_of("--out", "out", "data", "--jobs", "1") == 0
@@ -134,14 +129,8 @@ def test_ctrl_c_ends_it_with_its_exit_code_and_it_goes_on(data: Path) -> None:
     for number in range(40):
         (data / f"{number}.bvh").write_bytes(SAMPLE.read_bytes())
     words = ["batch", "--robot", "op3", "--unit", "cm", "--end", "0.1", "--out", "out", "data", "--jobs", "2"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    batch = subprocess.Popen(
-        [sys.executable, "-P", "-m", "retarget", *words],
-        env=environment,
-        stderr=subprocess.PIPE,
-        text=True,
-        process_group=0,
-    )
+    environment, command = os.environ | {"PYTHONPATH": str(ROOT)}, [sys.executable, "-P", "-m", "retarget", *words]
+    batch = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, process_group=0)
     index, clock = Path("out/index.jsonl"), MonotonicClock()
     while not (index.is_file() and index.read_bytes().count(b"\n") >= 4):
         assert batch.poll() is None

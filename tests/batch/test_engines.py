@@ -82,7 +82,7 @@ def test_each_fault_has_its_row_and_costs_itself_alone(engine: str, tmp_path: Pa
     said = {row["output"][4:-4]: row["message"] for row in rows if row["message"]}
     assert "7" in said["exits"] and "SIGSEGV" in said["breaks"] and "2 s" in said["sleeps"]
     assert "planted" in said["raises"]
-    assert not multiprocessing_children()
+    assert not children()
 
 
 def test_the_largest_limits_are_ones_that_the_system_can_hold(tmp_path: Path) -> None:
@@ -92,12 +92,8 @@ def test_the_largest_limits_are_ones_that_the_system_can_hold(tmp_path: Path) ->
     assert [row.status for row in on_processes(good, settings, limits=most, jobs=1, work=INSTANT)] == [ClipStatus.DONE]
 
 
-def multiprocessing_children() -> list[str]:
-    return children(os.getpid())
-
-
-def children(pid: int) -> list[str]:
-    """Processes of a process that work on clips."""
+def children(pid: int = os.getpid()) -> list[str]:
+    """Processes of a process, of this one by default, that work on clips."""
     found = []
     for task in Path(f"/proc/{pid}/task").iterdir():
         for child in (task / "children").read_text().split():
@@ -215,9 +211,9 @@ def test_a_driver_that_stops_ends_its_workers(tmp_path: Path) -> None:
     rows = on_processes(
         [clip for clip in clips if "_" not in clip.output], settings, limits=LIMITS, jobs=2, work=INSTANT
     )
-    assert next(rows).status is ClipStatus.DONE and multiprocessing_children()
+    assert next(rows).status is ClipStatus.DONE and children()
     rows.close()
-    assert not multiprocessing_children()
+    assert not children()
 
 
 def test_a_worker_has_one_thread_and_does_not_see_ctrl_c(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from retarget.model.human import PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
-from retarget.types import FloatArray
+from retarget.types import FloatArray, HumanPosture
 
 DT = 1.0 / 120.0
 FIVE = tuple(load_performer("five").sensors)
@@ -45,15 +45,17 @@ def frames_of(position: FloatArray, dt: float = DT) -> SensorFrames:
     )
 
 
-def errors_mm(position: FloatArray, priorities: str = "human", dt: float = DT) -> FloatArray:
-    """How far the body is from each sensor (T, 5), mm."""
-    frames = frames_of(position, dt)
-    human = build_human(proportional_dimensions(1.75))
-    reconstructor = Reconstructor(human, load_priorities(priorities), load_performer("five"))
+def postures(position: FloatArray, dt: float) -> list[HumanPosture]:
+    """The body that follows five sensors (T, 5, 3) m."""
+    frames, human = frames_of(position, dt), build_human(proportional_dimensions(1.75))
+    reconstructor = Reconstructor(human, load_priorities("human"), load_performer("five"))
     first, *others = (frames.sample(at) for at in frames.time)
-    return 1e3 * np.array(
-        [reconstructor.start(first).sensor_error, *(reconstructor.step(one, dt).sensor_error for one in others)]
-    )
+    return [reconstructor.start(first), *(reconstructor.step(one, dt) for one in others)]
+
+
+def errors_mm(position: FloatArray, dt: float = DT) -> FloatArray:
+    """How far the body is from each sensor (T, 5), mm."""
+    return 1e3 * np.array([posture.sensor_error for posture in postures(position, dt)])
 
 
 def passing_legs() -> FloatArray:
@@ -139,10 +141,7 @@ def test_a_motion_is_no_calibration_pose() -> None:
 
 def followed(position: FloatArray, dt: float = DT) -> FloatArray:
     """Joint centres (T, 23, 3) m of the body that follows five sensors (T, 5, 3) m."""
-    frames, human = frames_of(position, dt), build_human(proportional_dimensions(1.75))
-    reconstructor = Reconstructor(human, load_priorities("human"), load_performer("five"))
-    first, *others = (frames.sample(at) for at in frames.time)
-    return np.array([reconstructor.start(first).joints, *(reconstructor.step(one, dt).joints for one in others)])
+    return np.array([posture.joints for posture in postures(position, dt)])
 
 
 def getting_down(frames: int = 120) -> FloatArray:
@@ -171,7 +170,7 @@ def getting_down(frames: int = 120) -> FloatArray:
 
 
 @pytest.mark.long
-def test_who_gets_down_leans_the_trunk_as_people_do() -> None:
+def test_the_trunk_leans_as_of_recorded_people_while_a_body_gets_down() -> None:
     truth = getting_down()
     sensors = truth[:, [POINTS.index(name) for name in FIVE]]
     pelvis = POINTS.index("pelvis")
@@ -192,7 +191,7 @@ def test_the_pelvis_does_not_jump_where_straight_legs_begin_to_bend(rate: float)
 
 
 @pytest.mark.parametrize(("ahead", "least", "most"), [(0.55, 30.0, 90.0), (0.1, -20.0, 25.0)])
-def test_a_bend_is_told_from_a_crouch(ahead: float, least: float, most: float) -> None:
+def test_a_bend_is_distinguished_from_a_crouch(ahead: float, least: float, most: float) -> None:
     """The head goes down by half a metre in a second, ahead of the feet or above them, and the hands below it."""
     share = np.clip(np.arange(180) / 120.0, 0.0, 1.0)[:, None]
     position = np.repeat(standing(0.2)[None], 180, axis=0)

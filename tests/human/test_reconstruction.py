@@ -1,5 +1,6 @@
 """The first stage on recordings and on the synthetic performer: tracking, limits, symmetry, faults, any rate."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -23,6 +24,16 @@ from retarget.types import Carrying
 from sim.performer import synthetic_performer
 
 FILES = ("human", "paper")
+
+
+def displaced(name: str, ticks: range, by: list[float]) -> Callable[[int, SensorSample], SensorSample]:
+    """A change of samples: a sensor is elsewhere during these ticks."""
+
+    def change(k: int, sample: SensorSample) -> SensorSample:
+        rows = np.array([one == name and k in ticks for one in sample.names])
+        return replace(sample, position=sample.position + np.where(rows[:, None], by, 0.0))
+
+    return change
 
 
 @pytest.fixture(scope="module")
@@ -129,13 +140,7 @@ def test_a_lost_and_a_jumping_sensor_make_no_jump() -> None:
 @pytest.mark.parametrize("name", ["head", "l_wrist", "r_ankle"])
 def test_a_jump_that_comes_back_leaves_no_trace(name: str) -> None:
     """A sensor is 0.5 m off for 0.1 s: 0.3 s later every joint is where it is without that."""
-
-    def jump(k: int, sample: SensorSample) -> SensorSample:
-        position = sample.position.copy()
-        if 36 <= k < 42:
-            position[sample.names.index(name)] += [-0.3, 0.0, 0.4]
-        return SensorSample(sample.names, position, sample.orientation, sample.valid)
-
+    jump = displaced(name, range(36, 42), [-0.3, 0.0, 0.4])
     frames = thinned(synthetic_performer().cut(0.0, 1.5), 2)
     away = reconstruct(frames, "human", change=jump).joints - reconstruct(frames, "human").joints
     assert np.linalg.norm(away, axis=-1)[42 + round(0.3 * frames.rate_hz)].max() < 0.007
@@ -145,13 +150,8 @@ def test_nothing_valid_at_the_start_stands_still() -> None:
     frames = thinned(synthetic_performer().cut(0.0, 1.0), 4)
 
     def delayed(k: int, sample: SensorSample) -> SensorSample:
-        return (
-            sample
-            if k >= 5
-            else SensorSample(
-                sample.names, np.full_like(sample.position, np.nan), sample.orientation, np.zeros_like(sample.valid)
-            )
-        )
+        lost = replace(sample, position=np.full_like(sample.position, np.nan), valid=np.zeros_like(sample.valid))
+        return sample if k >= 5 else lost
 
     run = reconstruct(frames, "human", change=delayed)
     assert np.isfinite(run.q).all() and np.isnan(run.errors_mm[:5]).all()
@@ -206,7 +206,7 @@ def test_a_body_that_is_upside_down_is_found() -> None:
 
     def flip(k: int, sample: SensorSample) -> SensorSample:
         position = frames.position[0] if k < 30 else rotations.rotate(turned, frames.position[0] - middle) + middle
-        return SensorSample(sample.names, position, sample.orientation, sample.valid)
+        return replace(sample, position=position)
 
     errors = reconstruct(frames, "human", change=flip).errors_mm
     assert errors[30 + round(0.5 * frames.rate_hz) :].max() < 5.0
@@ -215,13 +215,7 @@ def test_a_body_that_is_upside_down_is_found() -> None:
 @pytest.mark.parametrize("name", ["l_ankle", "r_wrist"])
 def test_a_spike_of_one_frame_does_not_pass(name: str) -> None:
     """A sensor is 70 mm too high in one frame of 120 Hz: no joint is more than 10 mm from where it is without that."""
-
-    def spike(k: int, sample: SensorSample) -> SensorSample:
-        position = sample.position.copy()
-        if k == 60:
-            position[sample.names.index(name), 2] += 0.07
-        return SensorSample(sample.names, position, sample.orientation, sample.valid)
-
+    spike = displaced(name, range(60, 61), [0.0, 0.0, 0.07])
     frames = synthetic_performer().cut(2.0, 3.0)
     away = reconstruct(frames, "human", change=spike).joints - reconstruct(frames, "human").joints
     assert np.linalg.norm(away, axis=-1).max() < 0.01

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import ArrayLike
 
-from messages import refuses, shows
+from messages import Facts, refuses, shows
 from people import TRIALS, at_rest, place, trial
 from retarget.errors import InputError
 from retarget.frames import SensorFrames, Skeleton
@@ -114,9 +114,8 @@ def test_what_is_no_rest_pose_is_refused() -> None:
     points = at_rest(proportional_dimensions(1.7), POSES["N"])
     with refuses(InputError, "r_wrist"):
         fitted(points, ("head", "l_wrist", "l_ankle", "r_ankle"))
-    crouched = dict(points, head=points["l_ankle"] + [0.0, 0.0, 0.3])
     with refuses(InputError, "head", "0.30"):
-        fitted(crouched)
+        fitted(dict(points, head=points["l_ankle"] + [0.0, 0.0, 0.3]))
     with refuses(InputError):
         fitted({name: 1000.0 * point for name, point in points.items()})
     with refuses(InputError):
@@ -190,19 +189,16 @@ def test_what_is_no_standing_human_is_refused() -> None:
     points = t_pose()
     with refuses(InputError, "l_wrist"):
         dimensions_from_skeleton(skeleton_of({n: p for n, p in points.items() if n != "l_wrist"}), source="a.bvh")
-    unknown = dict(points, r_knee=np.full(3, np.nan))
-    with refuses(InputError, "r_knee"):
-        dimensions_from_skeleton(skeleton_of(unknown))
-    turned = {n: np.array([p[1], -p[0], p[2]]) for n, p in points.items()}
-    with refuses(InputError):
-        dimensions_from_skeleton(skeleton_of(turned))
-    lying = {n: np.array([p[2], p[1], -p[0]]) for n, p in points.items()}
-    with refuses(InputError):
-        dimensions_from_skeleton(skeleton_of(lying))
-    with refuses(InputError):
-        dimensions_from_skeleton(skeleton_of({n: 100.0 * p for n, p in points.items()}))
-    with refuses(InputError, "l_elbow", "l_wrist"):
-        dimensions_from_skeleton(skeleton_of(dict(points, l_wrist=points["l_elbow"] + [0.0, 0.01, 0.0])))
+    wrong: list[tuple[dict[str, FloatArray], Facts]] = [
+        (dict(points, r_knee=np.full(3, np.nan)), "r_knee"),
+        ({n: np.array([p[1], -p[0], p[2]]) for n, p in points.items()}, ()),  # turned
+        ({n: np.array([p[2], p[1], -p[0]]) for n, p in points.items()}, ()),  # lying
+        ({n: 100.0 * p for n, p in points.items()}, ()),
+        (dict(points, l_wrist=points["l_elbow"] + [0.0, 0.01, 0.0]), ("l_elbow", "l_wrist")),
+    ]
+    for one, facts in wrong:
+        with refuses(InputError, facts):
+            dimensions_from_skeleton(skeleton_of(one))
 
 
 def test_a_recording_with_a_skeleton_uses_it_and_one_without_a_rest_pose(shared: Path) -> None:

@@ -7,13 +7,7 @@ import numpy as np
 import pytest
 
 from hardware.clock import VirtualClock
-from retarget.pictures.plots import (
-    PICTURES,
-    figures_of,
-    plot_poses,
-    plot_tracking,
-    write_plots,
-)
+from retarget.pictures.plots import PICTURES, figures_of, plot_poses, plot_tracking, write_plots
 from retarget.report.tracking import performer_facing, turned
 from retarget.rotations import multiply
 from retarget.run.loop import Operator, run_human

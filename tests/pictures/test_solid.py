@@ -41,12 +41,14 @@ TWO = """<mujoco><worldbody><body name="base"><freejoint/><geom type="box" size=
 """A grey box, and an orange ball before it."""
 
 
+BODY = solid_body(load_body_text(TWO, source="test"), {"base": 1, "l_ball": 2})
+
+
 def drawn(quat: tuple[float, ...]) -> tuple[int, int]:
     """Pixels that are orange, and those that are grey, of both in one picture. quat: how they are turned, wxyz."""
-    body = solid_body(load_body_text(TWO, source="test"), {"base": 1, "l_ball": 2})
-    poses = body.poses(np.array([[0.0, 0.0, 0.5, *quat, 0.0]]))
+    poses = BODY.poses(np.array([[0.0, 0.0, 0.5, *quat, 0.0]]))
     picture = Image.new("RGB", (200, 200), "white")
-    DrawnPostures(body, poses, 1.0).draw(picture, 0, place=(100.0, 180.0), scale=150.0)
+    DrawnPostures(BODY, poses, 1.0).draw(picture, 0, place=(100.0, 180.0), scale=150.0)
     red, green, blue = np.moveaxis(np.asarray(picture).astype(int), -1, 0)
     above = np.arange(200)[:, None] < 140  # the floor has a shadow
     return int((red > 2 * blue).sum()), int(((abs(red - blue) < 12) & (green < 200) & above).sum())
@@ -61,15 +63,14 @@ def test_the_nearest_is_seen() -> None:
 
 def test_an_open_surface_is_seen_from_both_sides_and_its_shadow_has_room() -> None:
     """A box without its near side: its far one is seen from within, and what it casts ends inside the picture."""
-    body = solid_body(load_body_text(TWO, source="test"), {"base": 1, "l_ball": 2})
     box = shape_mesh(ShapeKind.BOX, (0.1, 0.2, 0.3))
     near = (box.vertices[box.faces][..., 0] > 0.0).all(axis=1)
     cut = Mesh(box.vertices, box.faces[~near])
     assert near.sum() == 2 and box.is_closed and not cut.is_closed
     pixels = []
     for mesh in (box, cut):
-        alone = replace(body, meshes=(mesh,), owners=body.owners[:1], colours=body.colours[:1])
-        postures = DrawnPostures(alone, body.poses(np.array([[0.0, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0, 0.0]])), 1.0)
+        alone = replace(BODY, meshes=(mesh,), owners=BODY.owners[:1], colours=BODY.colours[:1])
+        postures = DrawnPostures(alone, BODY.poses(np.array([[0.0, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0, 0.0]])), 1.0)
         picture = Image.new("RGB", (300, 200), "white")
         postures.draw(picture, 0, place=(100.0, 150.0), scale=150.0)
         pixels.append(np.asarray(picture).min(axis=2))
@@ -81,20 +82,17 @@ def test_an_open_surface_is_seen_from_both_sides_and_its_shadow_has_room() -> No
 
 
 def test_bones_are_drawn_where_both_ends_are_known() -> None:
-    body = solid_body(load_body_text(TWO, source="test"), {"base": 1, "l_ball": 2})
-    poses = body.poses(np.array([[0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0]]))
+    poses = BODY.poses(np.array([[0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0]]))
     recorded = np.array([[[0.0, 0.6, 0.3], [0.0, 0.6, 0.6], [np.nan] * 3]])
     picture = Image.new("RGB", (200, 200), "white")
     bones = ((0, 1), (1, 2))
-    DrawnPostures(body, poses, 1.0, recorded=recorded, bones=bones).draw(picture, 0, place=(100.0, 180.0), scale=150.0)
+    DrawnPostures(BODY, poses, 1.0, recorded=recorded, bones=bones).draw(picture, 0, place=(100.0, 180.0), scale=150.0)
     black = np.asarray(picture).max(axis=2) < 20
     assert 40 < black.sum() < 120 and not black[:, :100].any(), "a single line of 44 pixels"
 
 
 def test_sides_that_turn_to_the_light_are_brighter() -> None:
-    outward = np.eye(3)
-    colour = np.tile(rgb(MIDDLE), (3, 1))
-    front, side, top = solid.lit(outward, colour).mean(axis=1)
+    front, side, top = solid.lit(np.eye(3), np.tile(rgb(MIDDLE), (3, 1))).mean(axis=1)
     assert top > front > side > 0.3
 
 
@@ -186,32 +184,32 @@ def test_what_cannot_be_written_is_refused_before_anything_runs(
     assert not [*tmp_path.iterdir()]
 
 
-def test_an_animation_tells_how_far_it_is_and_can_be_ended(
+def test_an_animation_reports_its_progress_and_can_be_ended(
     run: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The other files are there all the same, and nothing of it is."""
     monkeypatch.setattr(solid, "HEIGHT", 60)
-    told: list[int] = []
+    done = list[int]()
 
     @contextmanager
     def watch(what: str, total: int) -> Iterator[Callable[[int], None]]:
-        def tell(done: int) -> None:
-            told.append(done)
-            if done == ends_at:
+        def report(count: int) -> None:
+            done.append(count)
+            if count == ends_at:
                 raise KeyboardInterrupt
 
         assert (what, total) == (f"writing {outputs.animate}", len(moving(run)["performer"].poses))
-        yield tell
+        yield report
 
     outputs = Outputs(animate=tmp_path / "run.webp", report=tmp_path / "report.json")
     ends_at = 3
     written = outputs.write(run, measure(run), watch=watch)
-    assert written.problems == ("animation not written: interrupted",) and told == [1, 2, 3]
+    assert written.problems == ("animation not written: interrupted",) and done == [1, 2, 3]
     assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
     ends_at = 0
-    told.clear()
+    done.clear()
     assert outputs.write(run, measure(run), watch=watch).problems == ()
-    assert told == [*range(1, len(moving(run)["performer"].poses))], "with the last one the file is written"
+    assert done == [*range(1, len(moving(run)["performer"].poses))], "with the last one the file is written"
 
 
 def test_files_in_one_folder_are_one_word(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Left, right, limbs, frames and soles: of shipped robots, with and without their names, and of strangers."""
+"""Left, right, limbs, frames and soles: of shipped robots, with and without their names, and of unknown ones."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -91,19 +91,15 @@ def named(tree: Tree, anatomy: Anatomy) -> tuple[str | None, ...]:
 
 
 @pytest.mark.parametrize("robot", SHIPPED)
-def test_shipped_robots(robot: str) -> None:
+def test_shipped_robots_with_their_names_and_without(robot: str) -> None:
     tree, anatomy = shipped_tree(robot), shipped_anatomy(robot)
     assert named(tree, anatomy) == ROLES[robot] and anatomy.head is not None
     assert (tree.nodes[anatomy.pelvis].joint, tree.nodes[anatomy.chest].joint) == TRUNKS[robot]
     assert tree.nodes[anatomy.head].joint == HEADS[robot][-1]
     assert anatomy.forward.tolist() == [1.0, 0.0, 0.0]
-
-
-@pytest.mark.parametrize("robot", SHIPPED)
-def test_the_same_without_their_names(robot: str) -> None:
-    known, unknown = shipped_anatomy(robot), proposed_anatomy(text_tree(scrambled(robot)))
-    assert unknown.legs == known.legs and unknown.arms == known.arms and unknown.head == known.head
-    assert unknown.forward == pytest.approx(known.forward)
+    nameless = proposed_anatomy(text_tree(scrambled(robot)))
+    assert nameless.legs == anatomy.legs and nameless.arms == anatomy.arms and nameless.head == anatomy.head
+    assert nameless.forward == pytest.approx(anatomy.forward)
 
 
 def test_fingers_are_part_of_the_hand() -> None:
@@ -180,7 +176,7 @@ def test_names_show_limbs_and_neck_where_the_sides_differ() -> None:
 @given(part=st.sampled_from(["elbow", "hand", "knee", "sole"]), place=st.integers(0, 2))
 def test_a_link_on_the_left_gives_its_counterpart_on_the_right(part: str, place: int) -> None:
     """Whatever link of a limb is named, by name or by its place on a limb whose names do not tell."""
-    for robot, (left, right) in {"op3": ("l_", "r_"), "stranger": ("p", "q")}.items():
+    for robot, (left, right) in {"op3": ("l_", "r_"), "unknown": ("p", "q")}.items():
         tree = shipped_tree(robot) if robot == "op3" else text_tree(humanoid())
         proposed = propose_links(tree)
         limb = find_anatomy(tree, proposed).arms if part in ("elbow", "hand") else find_anatomy(tree, proposed).legs
@@ -204,6 +200,8 @@ def test_what_is_derived_from_a_limb_is_derived_again_where_its_end_is_given() -
     assert links.l_elbow == "l_sho_roll_link" and links.r_knee is None
     ankle = completed(proposed, PartLinks(l_sole="l_ank_pitch_link"), tree)
     assert (ankle.l_knee, ankle.r_knee) == (proposed.l_knee, proposed.r_knee)
+    handless = completed(proposed, PartLinks(l_hand=None), tree)
+    assert handless.l_elbow is handless.r_elbow is None and handless.l_knee is not None
 
 
 def test_links_are_read_strictly(tmp_path: Path) -> None:
@@ -236,18 +234,12 @@ def test_links_that_cannot_be_those_parts_are_refused(case: str) -> None:
         completed(propose_links(tree), PartLinks(**parts), tree)
 
 
-def test_without_a_hand_there_is_no_elbow() -> None:
-    tree = shipped_tree("op3")
-    links = completed(propose_links(tree), PartLinks(l_hand=None), tree)
-    assert links.l_elbow is links.r_elbow is None and links.l_knee is not None
-
-
 LOOSE = {"head": 0.01, "l_hand": 0.03, "r_hand": 0.03}  # [m]; drawn by eye in the shipped profiles
 EXACT = 0.002
 
 
 @pytest.mark.parametrize("robot", SHIPPED)
-def test_frames_are_where_people_put_them(robot: str) -> None:
+def test_frames_and_soles_are_where_people_put_them(robot: str) -> None:
     known = load_robot(robot)
     found = find_frames(shipped_tree(robot), shipped_anatomy(robot))
     names = tuple(known.profile.frames)
@@ -258,14 +250,7 @@ def test_frames_are_where_people_put_them(robot: str) -> None:
         off = float(np.linalg.norm(frame.position - place))
         assert off <= LOOSE.get(name, EXACT), f"{name} is {1e3 * off:.1f} mm off"
         assert shipped_tree(robot).nodes[frame.node].names[0] == known.profile.frames[name].link
-
-
-@pytest.mark.parametrize("robot", SHIPPED)
-def test_soles_are_those_of_the_profiles(robot: str) -> None:
-    known = load_robot(robot)
-    for sole, foot in zip(
-        find_frames(shipped_tree(robot), shipped_anatomy(robot)).feet.values(), known.profile.feet.values(), strict=True
-    ):
+    for sole, foot in zip(found.feet.values(), known.profile.feet.values(), strict=True):
         assert is_convex(sole.polygon)
         assert np.ptp(sole.polygon, axis=0) == pytest.approx(np.ptp(np.array(foot.polygon), axis=0), abs=5e-4)
 

@@ -22,14 +22,10 @@ from retarget.setup.robot_file import MeshFiles, read_source
 from unknown_robots import HUMANOID, Part, humanoid, urdf
 
 
-def drafted(text: str, folder: Path, *, suffix: str = "xml", no_meshes: bool = False) -> BodyDraft:
-    path = folder / f"body.{suffix}"
+def drafted(text: str, folder: Path, *, no_meshes: bool = False) -> BodyDraft:
+    path = folder / ("body.urdf" if text.startswith("<robot") else "body.xml")
     path.write_text(text, encoding="utf-8")
     return draft_body(read_source(path), no_meshes=no_meshes)
-
-
-def drafted_urdf(text: str, folder: Path, *, no_meshes: bool = False) -> BodyDraft:
-    return drafted(text, folder, suffix="urdf", no_meshes=no_meshes)
 
 
 LAUGHS = '<!DOCTYPE a [<!ENTITY x "ha"><!ENTITY y "&x;&x;&x;">]><robot name="&y;"/>'
@@ -102,7 +98,7 @@ def finger(**changes: str) -> Part:
 def test_joints_that_no_servo_drives(kind: str, tmp_path: Path) -> None:
     part = finger(extra='<mimic joint="j_q8"/>') if kind == "mimic" else finger(kind=kind)
     text = humanoid([*HUMANOID, part])
-    body = drafted_urdf(text, tmp_path)
+    body = drafted(text, tmp_path)
     assert body.model.njnt == len(HUMANOID) and body.model.body("finger").id > 0
     assert body.notes == (f"{kind} joints, which no servo drives, made rigid: j_finger",)
 
@@ -110,7 +106,7 @@ def test_joints_that_no_servo_drives(kind: str, tmp_path: Path) -> None:
 def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
     text = re.sub("<inertial>.*?</inertial>", "", humanoid([*HUMANOID, finger(kind="rubber")]))
     with refuses(InputError, 2):
-        drafted_urdf(text, tmp_path)
+        drafted(text, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -126,14 +122,19 @@ def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
 def test_an_invalid_inertia_is_reported_with_its_link(wrong: str, right: str, message: Facts, tmp_path: Path) -> None:
     """Not in the words of a parser, which knows no links."""
     with refuses(InputError, message):
-        drafted_urdf(re.sub(wrong, right, humanoid(), count=1), tmp_path)
+        drafted(re.sub(wrong, right, humanoid(), count=1), tmp_path)
 
 
 def test_meshes_that_are_missing(tmp_path: Path) -> None:
+    mjcf = two(asset='<mesh name="m" file="gone.stl"/>', geom='<geom type="mesh" mesh="m"/>' + BALL)
+    with refuses(InputError, "gone.stl", "--no-meshes"):
+        drafted(mjcf, tmp_path)
+    body = drafted(mjcf, tmp_path, no_meshes=True)
+    assert body.model.nmesh == 0 and "gone.stl" in body.notes[0]
     text = humanoid().replace(FOOT, '<mesh filename="package://r/meshes/foot.stl"/>')
     with refuses(InputError, "package://r/meshes/foot.stl", "--no-meshes"):
-        drafted_urdf(text, tmp_path)
-    body = drafted_urdf(text, tmp_path, no_meshes=True)
+        drafted(text, tmp_path)
+    body = drafted(text, tmp_path, no_meshes=True)
     shows(body.notes[0], "package://r/meshes/foot.stl")
     assert body.model.ngeom == len(HUMANOID) + 1 - 2
 
@@ -184,8 +185,8 @@ def test_meshes_are_found_whatever_the_case_and_path_of_their_names(
 def test_meshes_become_simple_shapes(content: bytes, tmp_path: Path) -> None:
     """What is written needs no other file, and has the mesh for pictures alone."""
     (tmp_path / "foot.stl").write_bytes(content)
-    body = drafted_urdf(humanoid().replace(FOOT, '<mesh filename="FOOT.stl"/>'), tmp_path)
-    plain = drafted_urdf(humanoid(), tmp_path)
+    body = drafted(humanoid().replace(FOOT, '<mesh filename="FOOT.stl"/>'), tmp_path)
+    plain = drafted(humanoid(), tmp_path)
     assert b"file=" not in body.content and b"foot.stl" not in body.content
     assert body.model.nmesh == 1 and body.model.body_mass == pytest.approx(plain.model.body_mass)
     assert body.notes == ("meshes of 2 links are capsules and boxes around them; pictures keep them, coarser",)
@@ -222,10 +223,10 @@ COLOURED_URDF = "".join(
 @pytest.mark.parametrize("kind", ["MJCF", "URDF"])
 def test_what_is_seen_keeps_its_colours_and_simple_shapes(kind: str, tmp_path: Path) -> None:
     (tmp_path / "shoe.obj").write_text(SHOE, encoding="utf-8")
-    if kind == "MJCF":
-        body, link = drafted(COLOURED, tmp_path), "arm"
-    else:
-        body, link = drafted_urdf(humanoid().replace("</link>", f"{COLOURED_URDF}</link>"), tmp_path), "chest"
+    text, link = COLOURED, "arm"
+    if kind == "URDF":
+        text, link = humanoid().replace("</link>", f"{COLOURED_URDF}</link>"), "chest"
+    body = drafted(text, tmp_path)
     written = load_body_text(body.content.decode(), source="test")
     number = written.body_names.index(link)
     geoms = [geom for geom in written.geoms if geom.body == number]
@@ -246,7 +247,7 @@ def test_what_is_seen_of_a_link_stays_for_pictures_alone(*, meshed: bool, tmp_pa
     (tmp_path / "foot.stl").write_bytes(binary_stl())
     (tmp_path / "shoe.obj").write_text(SHOE, encoding="utf-8")
     text = humanoid().replace(FOOT, '<mesh filename="foot.stl"/>') if meshed else humanoid()
-    plain, body = drafted_urdf(text, tmp_path), drafted_urdf(text.replace("</link>", SEEN.format("shoe.obj")), tmp_path)
+    plain, body = drafted(text, tmp_path), drafted(text.replace("</link>", SEEN.format("shoe.obj")), tmp_path)
     for one, other in zip(plain.shapes, body.shapes, strict=True):
         assert (one.link_name, one.kind, one.around_mesh) == (other.link_name, other.kind, other.around_mesh)
         np.testing.assert_array_equal([*one.size, *one.pos, *one.quat], [*other.size, *other.pos, *other.quat])
@@ -265,9 +266,9 @@ def test_what_is_seen_refuses_no_body(tmp_path: Path) -> None:
     """A picture that MuJoCo cannot read is left out with a note; one that is not there, without a word."""
     (tmp_path / "shoe.obj").write_bytes(b"v 0 0 0\nf 1 2")
     (tmp_path / "cut.stl").write_bytes(binary_stl()[:100])
-    plain = drafted_urdf(humanoid(), tmp_path)
+    plain = drafted(humanoid(), tmp_path)
     for name, noted in (("shoe.obj", True), ("cut.stl", True), ("gone.dae", False)):
-        body = drafted_urdf(humanoid().replace("</link>", SEEN.format(name), 1), tmp_path)
+        body = drafted(humanoid().replace("</link>", SEEN.format(name), 1), tmp_path)
         assert body.content == plain.content and any("visual" in note for note in body.notes) == noted
 
 
@@ -289,7 +290,7 @@ CUT = {
 def test_a_damaged_mesh_is_named_as_the_user_knows_it(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "foot.stl").write_bytes(content)
     with refuses(InputError, "foot.stl") as caught:
-        drafted_urdf(humanoid().replace(FOOT, '<mesh filename="foot.stl"/>'), tmp_path)
+        drafted(humanoid().replace(FOOT, '<mesh filename="foot.stl"/>'), tmp_path)
     assert "mesh_0" not in str(caught.value)
 
 
@@ -299,18 +300,18 @@ def test_meshes_in_another_unit_are_noted(scale: float, tmp_path_factory: pytest
     folder = tmp_path_factory.mktemp("unit")
     (folder / "foot.stl").write_bytes(binary_stl())
     mesh = f'<mesh filename="foot.stl" scale="{scale} {scale} {scale}"/>'
-    body = drafted_urdf(humanoid().replace(FOOT, mesh), folder)
+    body = drafted(humanoid().replace(FOOT, mesh), folder)
     assert bool(body.too_large) == (scale > 10.0)
     assert "foot.stl" in body.too_large or scale < 10.0
 
 
 def test_visual_shapes_stand_in_where_no_others_are(tmp_path: Path) -> None:
-    plain, shown = drafted_urdf(humanoid(), tmp_path), humanoid().replace("collision>", "visual>")
-    body = drafted_urdf(shown, tmp_path)
+    plain, shown = drafted(humanoid(), tmp_path), humanoid().replace("collision>", "visual>")
+    body = drafted(shown, tmp_path)
     assert body.content == plain.content and not body.notes
     bare = re.sub("<visual>.*?</visual>", "", shown)
     with refuses(InputError, "no shapes", "visual"):
-        drafted_urdf(bare, tmp_path)
+        drafted(bare, tmp_path)
 
 
 Ranges = Sequence[tuple[float, float] | None]
@@ -340,7 +341,7 @@ def chain(ranges: Ranges, form: str) -> str:
 
 def drafted_chain(ranges: Ranges, form: str, folder: Path) -> tuple[BodyDraft, dict[str, tuple[float, float]]]:
     """The body, and the range of each of its joints."""
-    body = drafted(chain(ranges, form), folder, suffix=form.split()[-1])
+    body = drafted(chain(ranges, form), folder)
     model = body.model
     return body, {model.joint(n).name: tuple(model.jnt_range[n]) for n in range(model.njnt) if model.jnt_limited[n]}
 
@@ -397,9 +398,9 @@ def test_a_continuous_joint_keeps_limits_that_it_states(limits: tuple[float, flo
     text = chain([limits, (-0.5, 0.5)], "urdf").replace("revolute", "continuous", 1)
     if limits is not None and np.isnan(limits[0]):
         with refuses(InputError, "j 0", "numbers"):
-            drafted_urdf(text, tmp_path)
+            drafted(text, tmp_path)
         return
-    body = drafted_urdf(text, tmp_path)
+    body = drafted(text, tmp_path)
     assert body.model.njnt == 2 and body.model.jnt_limited[0] == (limits == (-1.0, 1.0))
     assert len(body.notes) == 1 + (limits == (-1.0, 1.0))
 
@@ -408,7 +409,7 @@ def test_no_warning_of_mujoco_is_printed_and_none_logged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    drafted_urdf(humanoid(), tmp_path)
+    drafted(humanoid(), tmp_path)
     model = mujoco.MjModel.from_xml_string(two())
     data = mujoco.MjData(model)
     data.qacc[:] = data.qvel[:] = np.inf
@@ -425,19 +426,18 @@ def test_a_collision_mesh_that_is_missing_beside_another_shape(*, first: bool, s
     assert shape is not None
     picture = shape[0].replace("collision", "visual") if seen else ""
     text = humanoid().replace(shape[0], (mesh + shape[0] if first else shape[0] + mesh) + picture, 1)
-    shown = '<visual><geometry><mesh filename="nice.dae"/></geometry></visual></link>'
-    text = text.replace("</link>", shown) if not seen else text
     if not seen:
+        text = text.replace("</link>", SEEN.format("nice.dae"))
         with refuses(InputError, "gone/foot.stl", "--no-meshes"):
-            drafted_urdf(text, tmp_path)
-    body = drafted_urdf(text, tmp_path, no_meshes=not seen)
+            drafted(text, tmp_path)
+    body = drafted(text, tmp_path, no_meshes=not seen)
     shows(body.notes[0], "gone/foot.stl")
     assert body.model.ngeom == len(HUMANOID) + 1 + seen
 
 
 def test_speeds_that_are_stated(tmp_path: Path) -> None:
     text = humanoid().replace('velocity="5.0"', 'velocity="fast"', 1).replace('velocity="5.0"', 'velocity="0"', 1)
-    speeds = drafted_urdf(text, tmp_path).speeds
+    speeds = drafted(text, tmp_path).speeds
     assert len(speeds) == len(HUMANOID) - 2 and set(speeds.values()) == {5.0}
 
 
@@ -483,14 +483,6 @@ def test_a_mesh_becomes_a_shape(tmp_path: Path) -> None:
     alike(body.model, written)
 
 
-def test_a_mesh_that_is_missing(tmp_path: Path) -> None:
-    text = two(asset='<mesh name="m" file="gone.stl"/>', geom='<geom type="mesh" mesh="m"/>' + BALL)
-    with refuses(InputError, "gone.stl", "--no-meshes"):
-        drafted(text, tmp_path)
-    body = drafted(text, tmp_path, no_meshes=True)
-    assert body.model.nmesh == 0 and "gone.stl" in body.notes[0]
-
-
 @pytest.mark.parametrize(
     ("kind", "more"),
     [
@@ -508,7 +500,7 @@ def test_joints_that_no_servo_of_their_own_turns(kind: str, more: str, tmp_path:
 
 
 def test_a_body_that_faces_y_is_turned(tmp_path: Path) -> None:
-    body = drafted_urdf(humanoid(), tmp_path)
+    body = drafted(humanoid(), tmp_path)
     turned = facing_x(body, np.array([0.0, 1.0, 0.0]))
     written = mujoco.MjModel.from_xml_string(turned.content.decode())
     data = mujoco.MjData(written)
@@ -546,8 +538,8 @@ def test_every_mesh_stays_in_pictures_however_many_frames_are_fixed_to_the_body(
     text = humanoid().replace(FOOT, '<mesh filename="foot.stl"/>')
     root = re.search(r'<link name="(.*?)"', text)
     assert root is not None
-    body = drafted_urdf(text.replace("</robot>", frames.replace('"base"', f'"{root[1]}"') + "</robot>"), tmp_path)
-    plain = drafted_urdf(text, tmp_path)
+    body = drafted(text.replace("</robot>", frames.replace('"base"', f'"{root[1]}"') + "</robot>"), tmp_path)
+    plain = drafted(text, tmp_path)
     looks = [
         [geom.triangles for geom in load_body_text(one.content.decode(), source="test").geoms if geom.kind == "mesh"]
         for one in (plain, body)

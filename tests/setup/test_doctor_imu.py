@@ -1,7 +1,7 @@
 """The doctor of an IMU: a person who tilts an emulated robot, right and with every sign wrong."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import pytest
 
@@ -15,6 +15,8 @@ from retarget.setup.doctor_machine import DoctorFinding
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
 from sim.imu import Ailment, ImuStandIn, ImuTruth
+
+Quaternion = tuple[float, float, float, float]
 
 DONE_S, ANGLE = 2.0, 0.5
 """[s], [rad] Of a tilt."""
@@ -45,15 +47,16 @@ RIGHT = ((0.0, ANGLE), (-ANGLE, 0.0))
 def examined(
     turns: Sequence[tuple[float, float]] = RIGHT,
     *,
-    mounted: Callable[[ImuSpec], ImuSpec] = lambda spec: spec,
+    mounted: Quaternion | None = None,
     ailment: Ailment | None = None,
 ) -> list[DoctorFinding]:
-    """Findings on an OP3 on the emulator. mounted: the board as it is; the profile says what OP3's says."""
+    """Findings on an OP3 on the emulator. mounted: the orientation of its board, where it is not the profile's."""
     clock, robot = VirtualClock(), load_uncalibrated("op3")
     spec = robot.profile.imu_spec()
     assert spec is not None
     hands = Hands(clock, turns)
-    sensor = ImuStandIn(mounted(spec), motion=hands.motion)
+    actual = ImuSpec(spec.kind, spec.link, spec.position, mounted, bus=spec.bus, id=spec.id) if mounted else spec
+    sensor = ImuStandIn(actual, motion=hands.motion)
     sensor.ailment = ailment
     (bus,), servos = robot.profile.bus_specs(), robot.joint_map.servos
     start = [servo.zero_tick for servo in servos]
@@ -73,31 +76,21 @@ def test_a_robot_that_is_mounted_as_its_profile_says() -> None:
         assert all(abs(float(word) - math.degrees(ANGLE)) < 3.0 for word in one.what.split() if word[0] == "+")
 
 
-def half_turned(spec: ImuSpec) -> ImuSpec:
-    return ImuSpec(spec.kind, spec.link, spec.position, (1.0, 0.0, 0.0, 0.0), bus=spec.bus, id=spec.id)
-
-
-def quarter_turned(spec: ImuSpec) -> ImuSpec:
-    half = math.sqrt(0.5)
-    return ImuSpec(spec.kind, spec.link, spec.position, (half, 0.0, 0.0, half), bus=spec.bus, id=spec.id)
-
-
-def upside_down(spec: ImuSpec) -> ImuSpec:
-    return ImuSpec(spec.kind, spec.link, spec.position, (0.0, 1.0, 0.0, 0.0), bus=spec.bus, id=spec.id)
+HALF = math.sqrt(0.5)
 
 
 @pytest.mark.parametrize(
     ("mounted", "ailment", "says"),
     [
-        (half_turned, None, "The signs are wrong"),
-        (quarter_turned, None, "It did not tilt that way"),
-        (upside_down, None, "points up"),
-        (lambda spec: spec, Ailment.SWAPPED, "The signs are wrong"),
-        (lambda spec: spec, Ailment.FROZEN, "no valid measurement"),
+        ((1.0, 0.0, 0.0, 0.0), None, "The signs are wrong"),
+        ((HALF, 0.0, 0.0, HALF), None, "It did not tilt that way"),
+        ((0.0, 1.0, 0.0, 0.0), None, "points up"),
+        (None, Ailment.SWAPPED, "The signs are wrong"),
+        (None, Ailment.FROZEN, "no valid measurement"),
     ],
     ids=["half turn", "quarter turn", "upside down", "signs swapped", "frozen"],
 )
-def test_one_that_is_not(mounted: Callable[[ImuSpec], ImuSpec], ailment: Ailment | None, says: str) -> None:
+def test_one_that_is_not(mounted: Quaternion | None, ailment: Ailment | None, says: str) -> None:
     found = examined(mounted=mounted, ailment=ailment)
     assert says in " ".join(one.render() for one in found if one.level == "fix")
 

@@ -16,7 +16,7 @@ from retarget.safety.clearance import PathClearance
 from retarget.setup.import_robot import Imported, import_robot
 from retarget.setup.robot_file import collada_triangles
 from retarget.setup.servo_guess import NO_TORQUE, UNKNOWN
-from unknown_robots import HUMANOID, Part, humanoid, urdf
+from unknown_robots import HUMANOID, Part, humanoid, imported, urdf
 
 STUD = (0.0101, 0.0102, 0.0103)
 STUDS = [(x, y) for x in (-0.03, 0.03) for y in (-0.045, 0.085)]
@@ -31,17 +31,9 @@ def on_studs() -> str:
     parts = list(HUMANOID)
     for side in "pq":
         parts.append(fixed(f"{side}_plate", f"{side}5", (0, 0.02, -0.0436), (0.07, 0.14, 0.006)))
-        studs = [
-            fixed(f"{side}_stud{n}", f"{side}_plate", (x, y - 0.02, 0.0017), STUD) for n, (x, y) in enumerate(STUDS)
-        ]
-        parts += studs
+        for n, (x, y) in enumerate(STUDS):
+            parts.append(fixed(f"{side}_stud{n}", f"{side}_plate", (x, y - 0.02, 0.0017), STUD))
     return humanoid(parts).replace(f'<box size="{" ".join(map(str, STUD))}"/>', '<sphere radius="0.005"/>')
-
-
-def imported(text: str, folder: Path) -> Imported:
-    path = folder / "body.urdf"
-    path.write_text(text, encoding="utf-8")
-    return import_robot(path, folder / "new")
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +58,7 @@ def test_a_robot_on_studs_follows_the_sample(studded: Imported, tmp_path: Path) 
     assert report["penetrating_frames"] == 0, "soles touch the ground, whatever link they are on"
 
 
-def test_what_keeps_a_run_from_beginning_is_told_before_it(
+def test_a_run_that_cannot_begin_is_reported_before_it(
     studded: Imported, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The gate lets nothing pass."""
@@ -106,7 +98,7 @@ def test_files_that_are_mixed_up(studded: Imported, tmp_path: Path, capsys: pyte
     folder = studded.folder
     motion = tmp_path / "walk.bvh"
     motion.write_text("HIERARCHY")
-    for words, told in (
+    for words, next_step in (
         (("run", "--source", "sample", "--robot", folder / "body.xml"), folder / "robot.yaml"),
         (("run", "--source", "sample", "--robot", folder.parent / "body.urdf"), "retarget import"),
         (("import", folder / "robot.yaml"), "retarget check"),
@@ -115,7 +107,7 @@ def test_files_that_are_mixed_up(studded: Imported, tmp_path: Path, capsys: pyte
     ):
         code, _, err = said_by(capsys, *words)
         assert code == 2 and err.count("\n") == 1
-        shows(err, told)
+        shows(err, next_step)
 
 
 TETRAHEDRON = """<?xml version="1.0"?>

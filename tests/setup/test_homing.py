@@ -137,23 +137,18 @@ def test_without_the_operators_consent_nothing_more_changes(answers: tuple[bool,
 
 
 def test_a_servo_that_loses_some_answers_is_read_all_the_same() -> None:
-    gap = MockFault(FaultKind.MISSING, first=0, cycles=READS // 2, servo=1)
-    clock = VirtualClock()
-    bus = FaultyBus(four_servos(), clock, start=np.array([2048, 2110, 2048, 512]), faults=[gap])
-    bus.open()
-    person = Person()
+    def missing(cycles: int) -> Homing | None:
+        clock, person, joint_map = VirtualClock(), Person(), JointMap(four_servos())
+        gap = MockFault(FaultKind.MISSING, first=0, cycles=cycles, servo=1)
+        bus = FaultyBus(four_servos(), clock, start=np.array([2048, 2110, 2048, 512]), faults=[gap])
+        bus.open()
+        bus.torque = lambda on: None  # type: ignore[method-assign]  # the fault is of reads here, not of torque
+        return home(bus, joint_map, np.zeros(4), person.ask, person.notify, clock=clock, chosen=ALL_SERVOS)
 
-    def quietly(on: bool) -> None:
-        """The fault is of reads here, not of torque."""
-
-    bus.torque = quietly  # type: ignore[method-assign]
-    homing = home(bus, JointMap(four_servos()), np.zeros(4), person.ask, person.notify, clock=clock, chosen=ALL_SERVOS)
+    homing = missing(READS // 2)
     assert homing is not None and homing.zero[1] == 2110
-    bus = FaultyBus(four_servos(), clock, faults=[replace(gap, cycles=READS)])
-    bus.open()
-    bus.torque = quietly  # type: ignore[method-assign]
     with refuses(BusError, "elbow", 2):
-        home(bus, JointMap(four_servos()), np.zeros(4), person.ask, person.notify, clock=clock, chosen=ALL_SERVOS)
+        missing(READS)
 
 
 def test_torque_that_stays_on_ends_it() -> None:

@@ -28,7 +28,7 @@ from retarget.schema.profile import DRAFT, RobotProfile, marked_lines, read_prof
 from retarget.schema.profile_parts import Foot, Gains, Landmark, ProfileFrame, Servo
 from retarget.setup.body_draft import BodyDraft
 from retarget.setup.draft import Draft, profile_text
-from retarget.setup.import_robot import Imported, import_robot
+from retarget.setup.import_robot import import_robot
 from retarget.setup.servo_guess import UNKNOWN, ServoDraft, guess_servos, models_in_names
 from unknown_robots import (
     ARM,
@@ -36,6 +36,7 @@ from unknown_robots import (
     darwin_like,
     ground_rooted,
     humanoid,
+    imported,
     microban_like,
     proposed_anatomy,
     scrambled,
@@ -45,12 +46,6 @@ from unknown_robots import (
     text_tree,
     urdf,
 )
-
-
-def imported(text: str, folder: Path, *, suffix: str = "urdf") -> Imported:
-    path = folder / f"body.{suffix}"
-    path.write_text(text, encoding="utf-8")
-    return import_robot(path, folder / "new")
 
 
 def left_in(folder: Path) -> set[str]:
@@ -67,7 +62,7 @@ def test_a_bust(tmp_path: Path) -> None:
     assert set(profile.servos) == {"j_p1", "j_p2", "j_q1", "j_q2"} and not profile.feet
 
 
-def test_the_missing_parts_of_an_arm_are_listed(tmp_path: Path) -> None:
+def test_the_missing_parts_of_an_arm_are_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "body.urdf"
     path.write_text(table_arm())
     done = import_robot(path, tmp_path / "new", name="op3")
@@ -76,6 +71,12 @@ def test_the_missing_parts_of_an_arm_are_listed(tmp_path: Path) -> None:
     assert len(done.problems) == 1 and str(tmp_path) not in done.problems[0]
     shows(done.problems[0], "l_hand")
     assert "# Not found: l_hand: no such arm." in (done.folder / "robot.yaml").read_text()
+    code, out, _ = run(capsys, "import", path, "--out", tmp_path / "arm")
+    assert code == 0
+    shows(out, "l_hand")
+    code, _, err = run(capsys, "check", tmp_path / "arm")
+    assert code == 2
+    shows(err, "l_hand")
 
 
 @pytest.mark.parametrize("kind", ["folder", "file", "link"])
@@ -112,16 +113,13 @@ def test_names_are_made_fit(name: str, tmp_path: Path, monkeypatch: pytest.Monke
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("robot", [*SHIPPED, "stranger", *(f"unnamed {name}" for name in SHIPPED)])
+@pytest.mark.parametrize("robot", [*SHIPPED, "unknown", *(f"unnamed {name}" for name in SHIPPED)])
 def test_no_hand_work_before_the_demo(robot: str, tmp_path: Path) -> None:
-    """Asked were fewer than 15 lines to change before a mock run; none has to be."""
     name = robot.removeprefix("unnamed ")
-    if robot == "stranger":
-        text, suffix = humanoid(), "urdf"
-    else:
+    text = humanoid()
+    if robot != "unknown":
         text = shipped_body(name).read_text() if robot == name else scrambled(name)
-        suffix = "xml"
-    done = imported(text, tmp_path, suffix=suffix)
+    done = imported(text, tmp_path)
     assert not done.problems and not done.draft.missing
     assert (check_stand(load_robot(done.folder)) or 0.0) > 0.02
     with pytest.raises(SystemExit) as leaving:
@@ -131,8 +129,8 @@ def test_no_hand_work_before_the_demo(robot: str, tmp_path: Path) -> None:
     assert report["stop"]["reason"] is None
     assert report["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
     assert report["pelvis_height_mm"]["p95"] < 30.0 and report["likeness_deg"]["upper_arms"]["mean"] < 25.0
-    # The stranger's thighs meet its hips before it leans as far as the performer.
-    assert report["hand_path_ratio"] > (0.85 if robot == "stranger" else 0.9)
+    # The thighs of the unknown robot meet its hips before it leans as far as the performer.
+    assert report["hand_path_ratio"] > (0.85 if robot == "unknown" else 0.9)
 
 
 LIKE = {
@@ -248,23 +246,12 @@ def test_small_arms_are_imported_without_landmarks_that_have_no_length(places: t
         for n, place in enumerate(places)
     )
     end = "</body>" * len(places) + "</worldbody></mujoco>"
-    done = imported(f'<mujoco><worldbody><body name="x"><geom size=".05"/>{opened}</body>{end}', tmp_path, suffix="xml")
+    done = imported(f'<mujoco><worldbody><body name="x"><geom size=".05"/>{opened}</body>{end}', tmp_path)
     assert done.problems and all(landmark.robot_length >= 1e-3 for landmark in done.draft.landmarks.values())
     assert ("landmark r_hand" in " ".join(done.draft.missing)) == (len(places) > 1)
     with refuses(InputError, "b0", "base"):
         (tmp_path / "new").rename(tmp_path / "old")
-        imported(f"<mujoco><worldbody>{opened}{end}", tmp_path, suffix="xml")
-
-
-def test_what_is_not_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "arm.urdf"
-    path.write_text(table_arm())
-    code, out, _ = run(capsys, "import", path, "--out", tmp_path / "arm")
-    assert code == 0
-    shows(out, "l_hand")
-    code, _, err = run(capsys, "check", tmp_path / "arm")
-    assert code == 2
-    shows(err, "l_hand")
+        imported(f"<mujoco><worldbody>{opened}{end}", tmp_path)
 
 
 # A drafted profile as YAML, and servos guessed from what a body file says of torque and speed.
@@ -438,13 +425,13 @@ def test_no_torque_and_a_torque_that_no_servo_has() -> None:
     series=st.booleans(),
 )
 def test_names_tell_a_model_in_any_writing(known: str, write: Callable[[str], str], *, series: bool) -> None:
-    """As part of the name of a link or a mesh; a series alone tells its first model."""
-    told = known.split("-")[0] if series else known
-    found = models_in_names(["base", f"meshes/{write(told)}_horn.stl"])
-    if told in ("MX", "XL"):
+    """As part of the name of a link or a mesh; a series alone gives its first model."""
+    stated = known.split("-")[0] if series else known
+    found = models_in_names(["base", f"meshes/{write(stated)}_horn.stl"])
+    if stated in ("MX", "XL"):
         assert not found
     else:
-        assert [one.name.startswith(told) for one in found] == [True]
+        assert [one.name.startswith(stated) for one in found] == [True]
     assert not models_in_names(["left_arm", "xmas", "body_430"])
 
 

@@ -9,27 +9,20 @@ from retarget.model.body_file import compile_body_text
 from retarget.model.observers import robot_observers
 from retarget.model.robot import load_profile, load_robot
 from retarget.setup.frames import Posed, find_frames
-from retarget.setup.import_robot import import_robot
 from retarget.setup.postures import LEGS, find_posture, find_postures, leg_length
-from unknown_robots import SHIPPED, humanoid, proposed_anatomy, shipped_posed, small_bust, text_tree
-
-
-def imported(text: str, folder: Path) -> Path:
-    path = folder / "body.urdf"
-    path.write_text(text, encoding="utf-8")
-    return import_robot(path, folder / "new").folder
+from unknown_robots import SHIPPED, humanoid, imported, proposed_anatomy, shipped_posed, small_bust, text_tree
 
 
 @pytest.mark.long
 def test_what_touches_in_every_posture_is_ignored_and_marked(tmp_path: Path) -> None:
     """Forearms so wide that both meet in front of the chest, whatever shoulders and elbows do: a run may begin."""
     text = small_bust().replace('<box size="0.03 0.1 0.03"/>', '<box size="0.3 0.1 0.03"/>')
-    folder = imported(text, tmp_path)
+    folder = imported(text, tmp_path).folder
     (ignored,) = [entry for entry in load_profile(folder).ignore_pairs if set(entry.pair) == {"p2", "q2"}]
     assert "neutral" in ignored.reason and robot_observers(load_robot(folder)).names
 
 
-def stranger() -> Posed:
+def unknown() -> Posed:
     text = humanoid()
     tree = text_tree(text)
     anatomy = proposed_anatomy(tree)
@@ -37,7 +30,7 @@ def stranger() -> Posed:
     return Posed(compile_body_text(text, source="t").model, tree, anatomy, find_frames(tree, anatomy), limits)
 
 
-POSED = {**{robot: shipped_posed(robot) for robot in SHIPPED}, "stranger": stranger()}
+POSED = {**{robot: shipped_posed(robot) for robot in SHIPPED}, "unknown": unknown()}
 
 
 @pytest.mark.parametrize("robot", POSED)
@@ -68,8 +61,8 @@ def test_both_sides_are_mirror_images(robot: str) -> None:
         assert across @ at[f"l_{name}"] == pytest.approx(at[f"r_{name}"], abs=0.006), name
 
 
-def test_all_four(robot: str = "wolfgang") -> None:
-    posed = POSED[robot]
+def test_all_four() -> None:
+    posed = POSED["wolfgang"]
     postures = find_postures(posed, soles=True, touching=lambda angles, neutral: frozenset())
     assert set(postures) == {"neutral", "stand", "rest", "attractor"}
     placed = {name: posed.place(posture.angles).positions for name, posture in postures.items()}

@@ -18,6 +18,7 @@ from scipy.spatial import ConvexHull
 from retarget.model.body_file import compile_body, compile_body_text
 from retarget.schema.catalogue import shipped_folder
 from retarget.setup.frames import Anatomy, Posed, find_anatomy, find_frames
+from retarget.setup.import_robot import Imported, import_robot
 from retarget.setup.links import propose_links
 from retarget.setup.tree import Tree, read_tree
 
@@ -94,6 +95,13 @@ def urdf(
 def humanoid(parts: list[Part] | None = None) -> str:
     """The humanoid, or some of it."""
     return urdf(HUMANOID if parts is None else parts, base="chest", size=(0.12, 0.08, 0.16))
+
+
+def imported(text: str, folder: Path) -> Imported:
+    """A body file, URDF or MJCF, as a profile in `new`."""
+    path = folder / ("body.urdf" if text.startswith("<robot") else "body.xml")
+    path.write_text(text, encoding="utf-8")
+    return import_robot(path, folder / "new")
 
 
 def small_bust() -> str:
