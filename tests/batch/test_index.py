@@ -85,14 +85,6 @@ def test_the_hash_of_settings_changes_with_all_that_an_output_depends_on(tmp_pat
     assert len(set(found)) == len(found) and of(op3) == found[0]
 
 
-def test_another_source_of_the_same_size_and_time_is_another(settings: BatchSettings, tmp_path: Path) -> None:
-    a, b = clips(tmp_path, "a", "b")
-    kept(settings, a)
-    state = Path(a.source).stat()
-    os.utime(b.source, ns=(state.st_atime_ns, state.st_mtime_ns))
-    assert left(settings, [BatchClip(b.source, a.output)]) == [a.output]
-
-
 def begun(settings: BatchSettings, *of: BatchClip) -> None:
     with BatchIndex(settings.out) as index:
         index.begin(of, settings, index.known())
@@ -101,8 +93,10 @@ def begun(settings: BatchSettings, *of: BatchClip) -> None:
 def test_a_batch_replaces_only_what_was_made_of_the_same_source(settings: BatchSettings, tmp_path: Path) -> None:
     a, b = clips(tmp_path, "a", "b")
     kept(settings, a)
+    state, other = Path(a.source).stat(), BatchClip(b.source, a.output)
+    os.utime(b.source, ns=(state.st_atime_ns, state.st_mtime_ns))  # of the same size and time
+    assert left(settings, [other]) == [a.output]
     begun(settings, a, b)
-    other = BatchClip(b.source, a.output)
     with refuses(UsageError, where="--out", found="a.npz"):
         begun(settings, other)
     (settings.out / "a.npz").unlink()
@@ -179,7 +173,9 @@ def test_what_has_failed_is_run_again_only_if_asked(settings: BatchSettings, tmp
     assert left(settings, [a, bad]) == ["raises.npz"]
 
 
-def test_half_a_line_of_a_killed_driver_is_cut(settings: BatchSettings, tmp_path: Path) -> None:
+def test_half_a_line_of_a_killed_driver_is_cut_and_a_wrong_one_is_refused_with_its_number(
+    settings: BatchSettings, tmp_path: Path
+) -> None:
     a, b = clips(tmp_path, "a", "b")
     kept(settings, a)
     whole = (settings.out / "index.jsonl").read_bytes()
@@ -188,13 +184,9 @@ def test_half_a_line_of_a_killed_driver_is_cut(settings: BatchSettings, tmp_path
     kept(settings, b)
     assert (settings.out / "index.jsonl").read_bytes().startswith(whole + b'{"source": "' + b.source.encode())
     assert left(settings, [a, b]) == []
-
-
-def test_a_line_that_is_none_is_refused_with_its_number(settings: BatchSettings, tmp_path: Path) -> None:
-    kept(settings, *clips(tmp_path, "a"))
     with (settings.out / "index.jsonl").open("ab") as file:
         file.write(b"{}\n")
-    with BatchIndex(settings.out) as index, refuses(InputError, "index.jsonl:2"):
+    with BatchIndex(settings.out) as index, refuses(InputError, "index.jsonl:3"):
         index.known()
 
 

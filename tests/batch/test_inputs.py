@@ -25,14 +25,17 @@ def outputs(*inputs: Path | str, out: Path) -> dict[str, str]:
     return {clip.output: clip.source for clip in clips}
 
 
-def test_a_folder_is_searched_with_all_below_it(data: Path, tmp_path: Path) -> None:
+def test_a_folder_is_searched_with_all_below_it_and_one_without_clips_is_refused(data: Path, tmp_path: Path) -> None:
     found = outputs(data, out=tmp_path / "out")
     assert list(found) == ["a/b/run.npz", "a/run.npz", "a/walk.npz", "walk.npz"]
     assert found["a/b/run.npz"] == str(data / "a/b/run.AMC")
-
-
-def test_outputs_are_no_inputs(data: Path) -> None:
-    assert list(outputs(data, out=data / "a")) == ["walk.npz"]
+    assert list(outputs(data, out=data / "a")) == ["walk.npz"], "outputs are no inputs"
+    twice = outputs(data, data / "a/../walk.bvh", data / "*.bvh", out=tmp_path / "out")
+    assert len(twice) == 4, "a source that is given twice is one clip"
+    (data / "empty").mkdir()
+    for text in ("empty", "nowhere.bvh", "*.glb"):
+        with refuses(UsageError, where="INPUT", found=text):
+            outputs(data / text, out=tmp_path / "out")
 
 
 @pytest.mark.parametrize("inputs", ["data", "data/*.bvh", "data/**/*.bvh", "link"])
@@ -76,15 +79,17 @@ def test_no_output_has_the_name_of_a_table_of_the_index(data: Path, tmp_path: Pa
     assert "index.npz" in outputs(data, out=tmp_path / "out")
 
 
-@pytest.mark.parametrize("pattern", ["**/*.bvh", "*/*.bvh", "a*/", "a/[rw]*"])
-def test_a_pattern_finds_what_the_shell_would(pattern: str, data: Path, tmp_path: Path) -> None:
-    wanted = {
-        "**/*.bvh": {"walk.npz", "a/walk.npz"},
-        "*/*.bvh": {"a/walk.npz"},
-        "a*/": {"a/walk.npz", "a/run.npz", "a/b/run.npz"},
-        "a/[rw]*": {"walk.npz", "run.npz"},
-    }
-    assert set(outputs(data / pattern, out=tmp_path / "out")) == wanted[pattern]
+@pytest.mark.parametrize(
+    ("pattern", "found"),
+    [
+        ("**/*.bvh", {"walk.npz", "a/walk.npz"}),
+        ("*/*.bvh", {"a/walk.npz"}),
+        ("a*/", {"a/walk.npz", "a/run.npz", "a/b/run.npz"}),
+        ("a/[rw]*", {"walk.npz", "run.npz"}),
+    ],
+)
+def test_a_pattern_finds_what_the_shell_would(pattern: str, found: set[str], data: Path, tmp_path: Path) -> None:
+    assert set(outputs(data / pattern, out=tmp_path / "out")) == found
 
 
 def test_a_list_names_files_beside_it_and_elsewhere_also_what_is_not_there(data: Path, tmp_path: Path) -> None:
@@ -123,18 +128,6 @@ def test_a_source_keeps_its_output_whatever_comes_beside_it(data: Path, tmp_path
     assert found("a/b/walk.bvh", known=first) == {"walk.npz": str(data / "a/b/walk.bvh")}
     # The name may be that of an output in another format.
     assert found("walk.c3d", "a/run.c3d", known={"WALK.npz": str(data / "a/run.c3d")}).keys() == {marked, "run.npz"}
-
-
-def test_a_source_that_is_given_twice_is_one_clip(data: Path, tmp_path: Path) -> None:
-    twice = outputs(data, data / "a/../walk.bvh", data / "*.bvh", out=tmp_path / "out")
-    assert len(twice) == 4
-
-
-def test_what_holds_no_clip_is_refused(data: Path, tmp_path: Path) -> None:
-    (data / "empty").mkdir()
-    for text in ("empty", "nowhere.bvh", "*.glb"):
-        with refuses(UsageError, where="INPUT", found=text):
-            find_clips([str(data / text)], out=tmp_path / "out", ending=".npz")
 
 
 def test_shards_hold_each_clip_once(data: Path, tmp_path: Path) -> None:

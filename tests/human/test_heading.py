@@ -64,14 +64,10 @@ def test_follows_with_its_time_constant_at_any_rate(rate: float) -> None:
     assert heading.forward[1] / heading.forward[0] == pytest.approx(follows / (1.0 - follows), rel=1e-6)
 
 
-def test_sensors_that_know_where_they_look_count() -> None:
+def test_an_oriented_sensor_counts_and_without_any_hint_the_heading_stays() -> None:
     heading = Heading(HeadingSettings(), ABOVE)
     heading.start({"head": STANDING["head"]}, {"head": (0.0, 0.9)})
     assert heading.forward == pytest.approx((0.0, 1.0))
-
-
-def test_without_any_hint_the_heading_stays() -> None:
-    heading = Heading(HeadingSettings(), ABOVE)
     heading.start(moved(STANDING, 1.0), {})
     stay(heading, {}, 2000)
     assert heading.forward == pytest.approx((cos(1.0), sin(1.0)))

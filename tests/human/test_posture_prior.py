@@ -25,14 +25,11 @@ AT = (0.0, 0.0, 0.9)
 SHARES = {"head": 0.66, "l_ankle": 0.17, "r_ankle": 0.17}
 
 
-def test_ahead_of_the_middle_of_the_feet() -> None:
+def test_balance_is_ahead_of_the_middle_of_the_feet_or_over_the_one_that_stays_down() -> None:
     balance = Balance(TASK)
     balance.step([LEFT, RIGHT], (0.0, 1.0), dt=0.01)
     assert balance.goal[:2] == pytest.approx([0.0, 0.07])
     assert balance.weight == 1.0
-
-
-def test_over_the_foot_that_stays_down() -> None:
     balance = Balance(TASK)
     balance.step([LEFT, [0.0, -0.1, 0.1 + LIFT_M]], (1.0, 0.0), dt=0.01)
     assert balance.goal[1] == pytest.approx(0.1 / 3.0)
@@ -43,7 +40,7 @@ def test_over_the_foot_that_stays_down() -> None:
 
 
 def test_a_raised_heel_carries_in_a_deep_crouch() -> None:
-    """Whoever kneels on the right knee sits on the right foot, the ankle of which is high."""
+    """A person who kneels on the right knee sits on the right foot, the ankle of which is high."""
     balance = Balance(TASK)
     kneeling = [LEFT, [0.0, -0.1, 0.1 + LIFT_M]]
     balance.step(kneeling, (1.0, 0.0), dt=0.01, lowered=1.0)
@@ -52,15 +49,12 @@ def test_a_raised_heel_carries_in_a_deep_crouch() -> None:
     assert balance.goal[1] > 0.1 / 3.5
 
 
-def test_fades_in_a_jump() -> None:
+@pytest.mark.parametrize("rate", [24.0, 120.0])
+def test_balance_fades_in_a_jump_and_with_the_speed_of_travel(rate: float) -> None:
     balance = Balance(TASK)
     for k in range(30):
         balance.step([[0.0, 0.1, 0.02 * k], [0.0, -0.1, 0.02 * k]], (1.0, 0.0), dt=0.01)
     assert balance.weight < 0.05
-
-
-@pytest.mark.parametrize("rate", [24.0, 120.0])
-def test_fades_with_the_speed_of_travel(rate: float) -> None:
     balance = Balance(TASK)
     for k in range(round(2.0 * rate)):
         x = 0.5 * k / rate
@@ -71,7 +65,7 @@ def test_fades_with_the_speed_of_travel(rate: float) -> None:
     assert balance.weight == 1.0
 
 
-def test_from_upright_to_lowered_with_the_head() -> None:
+def test_a_crouch_lowers_with_the_head_and_a_bend_has_it_ahead_of_the_feet() -> None:
     human = build_human(proportional_dimensions(1.75))
     crouch = Crouch(human, upright="natural", lowered="crouch")
     upright, lowered = human.posture("natural"), human.posture("crouch")
@@ -83,10 +77,6 @@ def test_from_upright_to_lowered_with_the_head() -> None:
     joints = PostureReader(human).joints(np.stack([upright, lowered]))
     heights = joints[:, POINTS.index("head"), 2] - joints[:, POINTS.index("l_ankle"), 2]
     assert [crouch.share_by_height(height) for height in heights.tolist()] == pytest.approx([0.0, 1.0], abs=0.01)
-
-
-def test_who_bends_over_has_the_head_low_and_ahead_of_the_feet() -> None:
-    crouch = Crouch(build_human(proportional_dimensions(1.75)), upright="natural", lowered="crouch")
     assert crouch.bent(0.5, 0.7) == 1.0
     assert crouch.bent(0.5, 0.0) == crouch.bent(0.5, -0.3) == crouch.bent(0.0, 0.7) == 0.0
     assert 0.0 < crouch.bent(0.1, 0.3) < crouch.bent(0.2, 0.3) < crouch.bent(0.2, 0.4) < 1.0

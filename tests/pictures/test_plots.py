@@ -94,9 +94,8 @@ def test_a_performer_is_drawn_facing_as_the_robot_does(human_run: RunResult) -> 
     facing = performer_facing(away)
     np.testing.assert_allclose(facing, np.tile([np.cos(angle), np.sin(angle)], (len(facing), 1)), atol=1e-9)
     following = human_run.record.following
-    np.testing.assert_allclose(
-        turned(other.human_joints[following], facing) @ turn.T, other.human_joints[following], atol=1e-9
-    )
+    followed = other.human_joints[following]
+    np.testing.assert_allclose(turned(followed, facing) @ turn.T, followed, atol=1e-9)
 
 
 def test_a_run_of_one_tick_has_no_pictures(human_run: RunResult) -> None:
@@ -119,11 +118,9 @@ def test_tracking_of_a_human_has_every_sensor_and_no_empty_panel(human_run: RunR
     assert figure is not None and len(figure.axes) == 4 * len(worn)
     joints = human_run.record.human_joints.copy()
     names = human_run.record.human_joint_names
-    joints[:, [names.index(human_run.setup.performer.sensors[sensor].joint) for sensor in worn]] = (
-        human_run.sensors_desired
-    )
-    exact = replace(human_run.record, human_joints=joints)
-    figure = plot_tracking(replace(human_run, record=exact))
+    columns = [names.index(human_run.setup.performer.sensors[sensor].joint) for sensor in worn]
+    joints[:, columns] = human_run.sensors_desired
+    figure = plot_tracking(replace(human_run, record=replace(human_run.record, human_joints=joints)))
     assert figure is not None and len(figure.axes) == 3 * len(worn)
 
 
@@ -131,10 +128,7 @@ def test_poses_say_that_a_performer_travels_where_the_robot_stays(run: RunResult
     assert run.robot is not None
     joints = run.record.human_joints.copy()
     joints[..., 0] += np.linspace(0.0, 2.0, len(joints))[:, None]
-    titles = [
-        figure.get_suptitle()
-        for one in (run, replace(run, record=replace(run.record, human_joints=joints)))
-        if (figure := plot_poses(one)) is not None
-    ]
-    assert len(titles[0].splitlines()) == 1
-    assert titles[1].startswith(titles[0]) and len(titles[1].splitlines()) == 2
+    still, travelling = plot_poses(run), plot_poses(replace(run, record=replace(run.record, human_joints=joints)))
+    assert still is not None and travelling is not None
+    title, longer = still.get_suptitle(), travelling.get_suptitle()
+    assert len(title.splitlines()) == 1 and longer.startswith(title) and len(longer.splitlines()) == 2

@@ -99,7 +99,7 @@ def data_of(page: Page) -> Any:
     return json.loads(page.scripts[0])
 
 
-def test_nothing_comes_from_elsewhere(html: str) -> None:
+def test_nothing_comes_from_elsewhere_and_only_our_own_script_may_run(html: str) -> None:
     page = Page(html)
     for tag, attributes in page.elements:
         assert tag not in ("link", "iframe", "object", "embed", "base", "img"), tag
@@ -110,10 +110,6 @@ def test_nothing_comes_from_elsewhere(html: str) -> None:
     style = re.findall(r"<style>(.*?)</style>", html, re.DOTALL)
     assert style and not any("url(" in text.replace("url(#", "") or "@import" in text for text in style[:1])
     assert "fetch(" not in html and "XMLHttpRequest" not in html
-
-
-def test_only_our_own_script_may_run(html: str) -> None:
-    page = Page(html)
     policy = next(
         attributes["content"]
         for tag, attributes in page.elements
@@ -130,11 +126,9 @@ def test_a_hostile_name_does_nothing(run: RunResult, report: Report, html: str) 
     assert run.robot is not None
     profile = run.robot.profile.model_copy(update={"name": EVIL})
     hostile = replace(run, robot=replace(run.robot, profile=profile), reason=EVIL, stop=Stop(StopCause.SOURCE, EVIL))
-    worse = replace(
-        measure(hostile), source=EVIL, performer=EVIL, priorities=(EVIL,), notes=(EVIL,), tracking_mm={
-            EVIL: next(iter(report.tracking_mm.values()))
-        }
-    )  # fmt: skip
+    tracking = {EVIL: next(iter(report.tracking_mm.values()))}
+    named = replace(measure(hostile), source=EVIL, performer=EVIL, priorities=(EVIL,))
+    worse = replace(named, notes=(EVIL,), tracking_mm=tracking)
     page, plain = Page(page_html(hostile, worse, figures={})), Page(html)
     assert len(page.scripts) == len(plain.scripts) == 2 and page.scripts[1] == plain.scripts[1]
     assert data_of(page)["robot"]["label"] == EVIL
@@ -145,7 +139,7 @@ def test_a_hostile_name_does_nothing(run: RunResult, report: Report, html: str) 
     assert r"\x1b[31m" in page.text and "\x1b" not in page.text
 
 
-def test_the_drawings_are_well_formed_and_their_ids_are_their_own(html: str) -> None:
+def test_drawings_are_well_formed_with_ids_of_their_own_and_numbers_are_the_reports(html: str, report: Report) -> None:
     drawings = re.findall(r'<svg viewBox="[^"]*" role="img".*?</svg>', html, re.DOTALL)
     assert len(drawings) == 1  # postures are drawn by the player
     for drawing in drawings:
@@ -154,9 +148,6 @@ def test_the_drawings_are_well_formed_and_their_ids_are_their_own(html: str) -> 
         assert used <= set(re.findall(r'\bid="([^"]+)"', drawing))
     ids = re.findall(r'\bid="([^"]+)"', html)
     assert len(ids) == len(set(ids))
-
-
-def test_the_numbers_are_the_reports(html: str, report: Report) -> None:
     page = Page(html)
     shown = next(text for text in page.texts if '"tracking_mm"' in text)
     assert json.loads(shown) == json.loads(report.as_json())

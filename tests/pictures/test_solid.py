@@ -203,12 +203,12 @@ def test_an_animation_reports_its_progress_and_can_be_ended(
 
     outputs = Outputs(animate=tmp_path / "run.webp", report=tmp_path / "report.json")
     ends_at = 3
-    written = outputs.write(run, measure(run), watch=watch)
+    written = outputs.write(run, measure(run), progress=watch)
     assert written.problems == ("animation not written: interrupted",) and done == [1, 2, 3]
     assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
     ends_at = 0
     done.clear()
-    assert outputs.write(run, measure(run), watch=watch).problems == ()
+    assert outputs.write(run, measure(run), progress=watch).problems == ()
     assert done == [*range(1, len(moving(run)["performer"].poses))], "with the last one the file is written"
 
 

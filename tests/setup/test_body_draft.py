@@ -149,12 +149,8 @@ def text_stl() -> bytes:
 @given(
     name=st.sampled_from(
         [
-            "foot.stl",
-            "meshes/foot.stl",
-            "../meshes/foot.stl",
-            "package://r/meshes/foot.stl",
-            "model://r/meshes/foot.stl",
-            "$(find r)/meshes/foot.stl",
+            *(f"{prefix}foot.stl" for prefix in ("", "meshes/", "../meshes/", "package://r/meshes/")),
+            *(f"{prefix}foot.stl" for prefix in ("model://r/meshes/", "$(find r)/meshes/")),
             "file:///abroad/ws/src/r/meshes/foot.stl",
             "C:\\ws\\r\\meshes\\foot.stl",
         ]
@@ -278,15 +274,11 @@ f 1 3 2\nf 1 4 3\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5
 """A pyramid, OBJ."""
 
 
-CUT = {
-    "text": b"solid\nnothing",
-    "empty": b"\0" * 84,
-    "cut": binary_stl()[:-60],
-    "cut text": text_stl()[: text_stl().index(b"endfacet") + 9],
-}
-
-
-@pytest.mark.parametrize("content", CUT.values(), ids=CUT)
+@pytest.mark.parametrize(
+    "content",
+    [b"solid\nnothing", b"\0" * 84, binary_stl()[:-60], text_stl()[: text_stl().index(b"endfacet") + 9]],
+    ids=["text", "empty", "cut", "cut text"],
+)
 def test_a_damaged_mesh_is_named_as_the_user_knows_it(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "foot.stl").write_bytes(content)
     with refuses(InputError, "foot.stl") as caught:

@@ -26,11 +26,14 @@ from retarget.setup.doctor_machine import (
 )
 
 
-def test_a_line_for_each() -> None:
+def test_each_finding_and_each_problem_of_a_refusal_is_a_line() -> None:
     assert DoctorFinding(FindingLevel.OK, "rate", "100 frames/s").render() == "ok   rate: 100 frames/s"
     assert DoctorFinding(FindingLevel.NOTE, "clock", "coarse").render() == "note clock: coarse"
     assert DoctorFinding(FindingLevel.FIX, "port", "taken", "Stop it").render() == "fix  port: taken. Stop it."
     assert DoctorFinding(FindingLevel.FIX, "port", "taken", "Who?").render().endswith("Who?")
+    found = fix_all("port", [Problem("taken", next_step="Stop it"), Problem("also")])
+    assert [one.level for one in found] == [FindingLevel.FIX, FindingLevel.FIX]
+    assert found[0].what == "taken. Stop it."
 
 
 @pytest.mark.parametrize("name", checks())
@@ -43,12 +46,6 @@ def test_each_check_has_a_level_whatever_its_facts(name: str) -> None:
         assert level is not FindingLevel.FIX or row.get("then", entry.get("then")), (
             "it is wrong, and nothing is to be done"
         )
-
-
-def test_problems_of_a_refusal() -> None:
-    found = fix_all("port", [Problem("taken", next_step="Stop it"), Problem("also")])
-    assert [one.level for one in found] == [FindingLevel.FIX, FindingLevel.FIX]
-    assert found[0].what == "taken. Stop it."
 
 
 def test_each_firewall_has_a_finding_with_its_command(tmp_path: Path) -> None:
@@ -109,12 +106,6 @@ def terminal(tmp_path: Path) -> Path:
     return link
 
 
-def test_a_path_that_leads_nowhere_and_a_file(tmp_path: Path) -> None:
-    shows(fixes(port_findings(str(tmp_path / "none")))[0])
-    shows(fixes(port_findings(str(tmp_path)))[0])
-    shows(fixes(port_findings("x" * 5000))[0])
-
-
 @pytest.mark.parametrize(("timer", "count"), [("16", 1), ("1", 0)])
 def test_the_latency_timer(terminal: Path, tmp_path: Path, timer: str, count: int) -> None:
     (tmp_path / "null").mkdir()
@@ -135,13 +126,13 @@ def test_the_process_that_holds_a_port_is_named(terminal: Path, tmp_path: Path) 
     shows(lines[0], 77)
 
 
-def test_ports_that_may_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    shows(fixes(serial_findings([os.devnull]))[0], "usermod")
-
-
-def test_without_a_port_the_group_is_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_paths_that_are_no_ports_and_rights_that_are_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for path in (str(tmp_path / "none"), str(tmp_path), "x" * 5000):
+        shows(fixes(port_findings(path))[0])
     shows(text_of(serial_findings([])))
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "access", lambda *_: False)
+        shows(fixes(serial_findings([os.devnull]))[0], "usermod")
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     monkeypatch.setattr(os, "getegid", lambda: 1000)
     monkeypatch.setattr(os, "getgroups", list)

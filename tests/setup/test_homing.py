@@ -180,9 +180,8 @@ def test_joint_after_joint_gives_the_zeros_of_the_whole_with_coupled_joints_toge
         asked.append(question)
         return "s" if "neck" in question else ""
 
-    each = home_each(
-        bus, joint_map, np.zeros(4), person.ask, choose, person.notify, clock=clock, chosen=ALL_SERVOS, force=True
-    )
+    arguments = (bus, joint_map, np.zeros(4), person.ask, choose, person.notify)
+    each = home_each(*arguments, clock=clock, chosen=ALL_SERVOS, force=True)
     whole, _ = run(servos, start, np.zeros(4), Person())
     assert each is not None and whole is not None
     assert [("roll" in text, "yaw" in text) for text in asked] == [(False, False), (True, True), (False, False)]

@@ -65,14 +65,8 @@ def test_lost_sensors_neither_jump_nor_spoil_the_numbers(performer: SensorFrames
 
 
 def test_a_sensor_that_is_never_seen_and_a_single_frame_are_summarised(performer: SensorFrames) -> None:
-    nothing = replace(
-        performer,
-        position=np.full_like(performer.position, np.nan),
-        valid=np.zeros_like(performer.valid),
-        skeleton=None,
-        joints=None,
-    )
-    summary = summarise(nothing)
+    nowhere, never = np.full_like(performer.position, np.nan), np.zeros_like(performer.valid)
+    summary = summarise(replace(performer, position=nowhere, valid=never, skeleton=None, joints=None))
     assert np.isnan(summary.sensors[0].highest_m) and summary.travel_m == 0.0 and summary.stature_m is None
     single = summarise(performer.cut(0.0, 0.0))
     assert single.frames == 1 and np.isnan(single.sensors[0].max_speed_m_s)
