@@ -32,9 +32,10 @@ class _Seal:
 class CheckedGoal:
     """The goal of one tick; arrays (n,) in servo order, rad, read-only.
 
-    joints: sent goals. posture: the joints under load, without deflection compensation. displacement: in this tick.
-    stop: rows of the braking trajectory. passed: the goal is the checked target, not part of a braking trajectory.
-    compensated: state of the deflection compensation. Raises TypeError unless a gate makes it.
+    joints: sent goals. posture: the joints under load, without deflection compensation. displacement: change in this
+    tick. stop (k, n): the postures after this goal, tick by tick to rest; empty if it rests. passed: the goal is the
+    checked target, not part of a braking trajectory. compensated: state of the deflection compensation. Raises
+    TypeError unless a gate makes it.
     """
 
     joints: FloatArray

@@ -1,6 +1,7 @@
 """Servos as data: models, servos of a robot, couplings, and position loops.
 
-A new Dynamixel model is a row of `servo_models.tsv` and one of `dynamixel/tables/models.tsv`, both from the e-Manual.
+A new Dynamixel model is a row of `servo_models.tsv` and one of `dynamixel/tables/models.tsv`, both from the e-Manual;
+registers or limits of its own are a layer in `registers.tsv` or `values.tsv` there.
 `motors.yaml` holds published identifications.
 """
 

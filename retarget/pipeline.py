@@ -1,7 +1,7 @@
 """`Pipeline`: from a sensor sample to checked joint goals in one call, for programs with their own loop and bus.
 
-It calls the tick of a run, `retarget.run.tick.step`, with servos that are always at their goals. It has no threads, no
-bus and no clock, and reads configurations only.
+It calls the tick of a run, `retarget.run.tick.perform`, with servos that are always at their goals. It has no threads,
+no bus and no clock, and reads configurations only.
 """
 
 import re

@@ -118,11 +118,11 @@ class RobotPosture:
     observer_modes: ModeArray
 
 
-Watch = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+ShowProgress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 """Progress display, given a name and a number of steps; yields a function that takes the steps done."""
 
 
 @contextmanager
-def unwatched(what: str, total: int) -> Iterator[Callable[[int], None]]:
+def no_progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
     """No progress display."""
     yield lambda done: None

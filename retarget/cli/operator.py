@@ -27,7 +27,7 @@ LONGEST_S = 300.0
 ON_THE_PAGE = "stopped on the web page"
 ENDS = {ControlRequest.GRIP: ControlRequest.RELEASE, ControlRequest.PAGE_GO_ON: ControlRequest.PAGE_HOLD}
 """The hold that each of these requests ends."""
-STOPS = (RunState.STOPPING.value, RunState.RETURN_TO_STANCE.value, RunState.GO_TO_REST.value)
+ENDING = (RunState.STOPPING.value, RunState.RETURN_TO_STANCE.value, RunState.GO_TO_REST.value)
 """States of a run that is ending."""
 
 
@@ -136,7 +136,7 @@ class RunOperator(Operator):
         status = self.status()
         if status.state == RunState.STANDING.value:
             return "standing, with torque"
-        if status.stop is not None or status.state in STOPS:
+        if status.stop is not None or status.state in ENDING:
             return "stopping"
         if status.let_go:
             return "paused: holding"

@@ -247,7 +247,7 @@ def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None) ->
         report = measure_latest(run) if soon else measure(run)
         if outputs.best_likeness:
             report = replace(report, best_likeness_deg=best_likeness(run))
-        written = outputs.write(run, report, watch=_watched)
+        written = outputs.write(run, report, progress=_watched)
         show_summary(run, report, lines or RunLines(verbose=outputs.verbose))
     except MemoryError:
         echo(f"error: the run is over, its results are not written: {memory_message()}", err=True)

@@ -200,7 +200,7 @@ def without_spikes(time: FloatArray, position: FloatArray) -> FloatArray:
 # drawn in to where a body of this size could have it.
 
 TRUNK_STRETCH = 1.25  # greatest distance of two points of the trunk, as a multiple of that at rest
-REACH_KNEE = 0.05  # share of the greatest distance, at its end, into which farther goals are drawn
+REACH_SOFT_ZONE = 0.05  # share of the greatest distance, at its end, into which farther goals are drawn
 
 # The joint at which each limb begins, and its joints from there on.
 _LIMB_CHAINS = {
@@ -223,9 +223,9 @@ class Reach:
             return
         away = position - position[self._anchor]
         distance = np.sqrt(squares(away))
-        for row in np.flatnonzero(present & (distance > (1.0 - REACH_KNEE) * self._furthest)).tolist():
+        for row in np.flatnonzero(present & (distance > (1.0 - REACH_SOFT_ZONE) * self._furthest)).tolist():
             far = float(distance[row])
-            share = soft_cap(far, float(self._furthest[row]), REACH_KNEE) / far
+            share = soft_cap(far, float(self._furthest[row]), REACH_SOFT_ZONE) / far
             position[row] = position[self._anchor] + share * away[row]
 
 

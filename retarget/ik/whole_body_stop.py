@@ -19,8 +19,8 @@ from retarget.types import BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class StopPath:
-    """A path to rest. postures (k, nq): the present one, then tick by tick. footing: of the planted soles. carries (k,
-    2): mask of the carrying soles of a walking robot; None: all."""
+    """A path to rest. postures (k, nq): the one in which the stop begins, then one a tick. footing: of the
+    planted soles. carries (k, 2): mask of the carrying soles of a walking robot; None: all."""
 
     postures: FloatArray
     footing: Footing | None = None

@@ -149,7 +149,7 @@ class AddressKind:
     sender: str
 
 
-# Usual ports by the facts on streams, sections 2 to 5.
+# Usual ports: the default of each sender.
 KINDS = {
     "vmc": AddressKind("vmc://:39539", 39_539, ("allow",), "the sender's VMC output"),
     "vrchat": AddressKind("vrchat://:9000", 9_000, ("allow",), "the sender's OSC trackers"),

@@ -44,7 +44,7 @@ class PlayoutDelay:
             self._gap = gap if self._gap is None else self._gap + GAP_SHARE * (gap - self._gap)
 
     def at(self, now: float) -> float:
-        """The delay at `now`, s, which must not fall."""
+        """The delay, s, at `now`, s. Calls come in the order of time."""
         elapsed = 0.0 if self._now is None else max(0.0, now - self._now)
         self._now = now if self._now is None else max(now, self._now)
         if self._lateness:

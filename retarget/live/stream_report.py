@@ -27,7 +27,7 @@ from retarget.types import News, Notify
 
 def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") -> str:
     """The remedy for datagrams `got` at an address of `kind`; "" if the address reads them. recording: their file."""
-    symptom = f"instead {got.kind}" if got.kind else f"unread {got.name}"
+    symptom = f"instead {got.kind}" if got.kind else f"undecoded {got.name}"
     if reads(kind, got):
         symptom = f"part {got.detail}"
     elif got.kind and recording:

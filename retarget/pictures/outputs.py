@@ -10,7 +10,7 @@ from retarget.recording.npz import save_path, write_npz
 from retarget.report.report import Report, write_report
 from retarget.run.run_result import RunResult
 from retarget.schema.files import check_folder, check_path, check_place, refuse_existing
-from retarget.types import Watch, unwatched
+from retarget.types import ShowProgress, no_progress
 
 PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
 """Names of the files in `--plots DIR`, without importing Matplotlib."""
@@ -118,8 +118,8 @@ class Outputs:
             if path is not None:
                 refuse_existing(path, option=option or own)
 
-    def write(self, run: RunResult, report: Report, *, watch: Watch = unwatched) -> "WrittenFiles":
-        """Write each output, even if others fail. KeyboardInterrupt ends an animation, whose progress `watch` shows."""
+    def write(self, run: RunResult, report: Report, *, progress: ShowProgress = no_progress) -> "WrittenFiles":
+        """Write each output, even if others fail. KeyboardInterrupt ends an animation, whose progress is shown."""
         if self.page is not None or self.plots is not None:
             from retarget.pictures.page import write_page
             from retarget.pictures.plots import figures_of, write_plots
@@ -132,7 +132,7 @@ class Outputs:
             ("run", self.save, lambda path: write_npz(run, path)),
             ("page", self.page, lambda path: write_page(run, report, path, figures=figures())),
             ("picture", self.plots, lambda path: write_plots(figures(), path)),
-            ("animation", self.animate, lambda path: write_animation(run, path, watch=watch)),
+            ("animation", self.animate, lambda path: write_animation(run, path, progress=progress)),
         ]
         files = [("recording", path) for path in (self.record,) if path is not None and path.is_file()]
         problems: list[str] = []

@@ -21,7 +21,7 @@ from retarget.report import motion_metrics
 from retarget.report.tracking import performer_facing, turned
 from retarget.run.run_result import RunResult
 from retarget.schema.files import write_atomic
-from retarget.types import FloatArray, IntArray, Watch, unwatched
+from retarget.types import FloatArray, IntArray, ShowProgress, no_progress
 
 # Viewer and light, as in `bodies.js`.
 
@@ -495,14 +495,14 @@ def animation_path(path: Path) -> Path:
     return path
 
 
-def write_animation(run: RunResult, path: Path, *, watch: Watch = unwatched) -> None:
-    """Write an animation of performer and robot, of at most LONGEST_S. watch: shows progress. Raises UsageError if the
+def write_animation(run: RunResult, path: Path, *, progress: ShowProgress = no_progress) -> None:
+    """Write an animation of performer and robot, of at most LONGEST_S. progress: shows it. Raises UsageError if the
     file cannot be written, or if nothing was followed."""
     if run.ticks_followed < 2:
         raise UsageError("no tick followed, and an animation shows what followed", where="--animate")
     shown = moving(run)
     count = len(shown["performer"].poses)
-    with watch(f"writing {path}", count) as made:
+    with progress(f"writing {path}", count) as made:
 
         def counted() -> Iterator[Image.Image]:
             for number, frame in enumerate(pictures(shown), 1):

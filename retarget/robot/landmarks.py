@@ -102,7 +102,7 @@ def _seen(pelvis: Quat, left_foot: Sequence[float], right_foot: Sequence[float])
 
 # Performers' feet pass close and cross, where those of most hanging robots would collide.
 
-KNEE = 0.1
+SOFT_ZONE = 0.1
 """Share of the least distance over which the limit sets in."""
 
 
@@ -115,10 +115,10 @@ class FootSeparation:
     least: float
 
     def apply(self, landmarks: list[Vector], aside: tuple[float, float] = (0.0, 1.0)) -> None:
-        """Move both feet of `landmarks`, m, apart in place. aside: unit vector on the ground to the left."""
+        """Separate both feet of `landmarks`, m, in place. aside: unit vector on the ground to the left."""
         (lx, ly, lz), (rx, ry, rz) = landmarks[self.left], landmarks[self.right]
         x, y = aside
-        distance, room = x * (lx - rx) + y * (ly - ry), KNEE * self.least
+        distance, room = x * (lx - rx) + y * (ly - ry), SOFT_ZONE * self.least
         missing = self.least + room - distance
         half = 0.5 * ((distance if missing <= 0.0 else self.least + room * exp(-missing / room)) - distance)
         x, y = half * x, half * y
@@ -144,7 +144,7 @@ UNDER = 0.15
 """Distance of an ankle from below its hip, relative to the leg, that halves its share of the bearing."""
 LIFT_COUNTS = 4.0
 """Weight of an ankle's height in this distance."""
-STRAIGHT, STRAIGHT_KNEE = 0.97, 0.015
+STRAIGHT, STRAIGHT_ZONE = 0.97, 0.015
 """Share from which a performer's leg counts as stretched, as sensors measure it to 3 %, and width of the transition."""
 HEIGHT_SETTLE_S, HEIGHT_BAND = 0.6, 0.02
 """Time constant (s) of small deviations, and deviation, relative to the leg, at which it is halved."""
@@ -176,7 +176,7 @@ class PelvisOverFeet:
         # Common horizontal offset of both legs, as in a squat.
         x, y = (sorted((legs[0][axis], 0.0, legs[1][axis]))[1] for axis in (0, 1))
         left, right = (hypot(hypot(*leg[:2]), leg[2]) for leg in legs)
-        length = soft_cap((share * left + (1.0 - share) * right) / STRAIGHT, self._leg, STRAIGHT_KNEE)
+        length = soft_cap((share * left + (1.0 - share) * right) / STRAIGHT, self._leg, STRAIGHT_ZONE)
         desired = sqrt(max(length * length - x * x - y * y, 0.0))
         height = desired if self._height is None else self._height
         off = (desired - height) / (HEIGHT_BAND * self._leg)

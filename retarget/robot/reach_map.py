@@ -32,7 +32,7 @@ from retarget.schema.arrays import open_arrays
 from retarget.schema.catalogue import cache_folder
 from retarget.schema.files import make_folder, write_stream
 from retarget.schema.priorities import PositionTask, Priorities
-from retarget.types import BoolArray, FloatArray, Watch, unwatched
+from retarget.types import BoolArray, FloatArray, ShowProgress, no_progress
 
 HANDS = ("l_hand", "r_hand")
 """Landmarks of the map."""
@@ -170,10 +170,10 @@ class ReachProbe:
         hierarchy.set_orientation(targets, TRUNK, np.array(self._reader.trunk_at_stance))
         hierarchy.set_look_at(targets, HEAD, 1e3 * np.array(standing.gaze))
 
-    def measure(self, watch: Watch = unwatched) -> ReachMap:
+    def measure(self, progress: ShowProgress = no_progress) -> ReachMap:
         """Measure the map, in seconds to a minute."""
         hands = []
-        with watch("reachability map", len(HANDS) * (1 + HEIGHTS)) as done:
+        with progress("reachability map", len(HANDS) * (1 + HEIGHTS)) as done:
             for number, hand in enumerate(HANDS):
                 layers = []
                 for layer, height in enumerate((None, *self.heights)):

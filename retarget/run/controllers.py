@@ -62,8 +62,9 @@ class Commanded:
     """The posture commanded last, without the deflection of the servos.
 
     target: that of this posture; while the robot stands it stays the same object, so a controller recognises its own. q
-    (nq,): the posture. standing (nq,): the stance, present or future. velocity (nv,) per s. stood_s: s since the
-    posture changed; waited_s: s since then and since the last refusal.
+    (nq,): the posture. standing (nq,): the posture on the soles that gives the base pose: the last one, or the stance
+    to which an approach leads. velocity (nv,) per s. stood_s: s since the posture changed; waited_s: s since then and
+    since the last refusal.
     """
 
     goal: CheckedGoal

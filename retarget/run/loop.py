@@ -16,7 +16,15 @@ from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import PerformerInput, Samples
 from retarget.run.controllers import RobotMotion
 from retarget.run.record import Phase, Record, TickRecorder
-from retarget.run.supervisor import AT_RISK, LONGEST_BRAKE_S, LONGEST_STOP_S, STOPS, End, Event, OperatorInput
+from retarget.run.supervisor import (
+    AT_RISK,
+    BRAKING_OR_STANDING,
+    LONGEST_BRAKE_S,
+    LONGEST_STOP_S,
+    End,
+    Event,
+    OperatorInput,
+)
 from retarget.run.tick import Failure, Machine, TickDone, TickInput, TickOutput, TickState, caught, look_at, perform
 from retarget.types import RunState
 
@@ -290,7 +298,7 @@ class Loop:
             self._machine.guard,
             output.state.commanded.q,
             output.goal,
-            commanded=output.target is not None or (state in STOPS and not given.failed),
+            commanded=output.target is not None or (state in BRAKING_OR_STANDING and not given.failed),
             gated=output.gated,
             followed=output.followed,
             unexplained=None if self._machine.contact is None else self._machine.contact.unexplained,

@@ -30,7 +30,7 @@ LONGEST_BRAKE_S = LONGEST_WALK_STOP_S + 0.2
 LONGEST_RETURN_S = 15.0
 """[s] Longest return to stance, after which the robot goes on from where it is."""
 LONGEST_TO_REST_S = 24.0
-"""[s] Longest move to rest, after which the robot holds."""
+"""[s] Longest move to rest, after which the robot stands, with torque."""
 LONGEST_FALL_S = 1.5
 """[s] From detection to torque off: an inverted pendulum of 0.4 m that begins at 5 degrees lies within 0.8 s."""
 LONGEST_STOP_S = 2.0 * LONGEST_BRAKE_S + LONGEST_RETURN_S + LONGEST_TO_REST_S
@@ -61,10 +61,10 @@ class Event(Enum):
     """The events that change a state. The first one of this list with a transition counts."""
 
     RELEASED = "the operator, who holds the robot, switches torque off"
-    TORQUE_OFF = "torque off is asked for, the bus is lost, or a tick fails and the robot cannot brake"
+    TORQUE_OFF = "torque off is requested, the bus is lost, or a tick fails and the robot cannot brake"
     FALLS = "the robot tips over, and cannot come back"
     FAULT = "a fault of the robot is latched"
-    STOP = "a stop is asked for or latched"
+    STOP = "a stop is requested or latched"
     FAILED = "the controller fails"
     OVER = "the performance is over"
     TIMEOUT = "the time limit of the state is over"
@@ -164,7 +164,7 @@ BUS_SILENT = "the bus is silent"
 """The hold reason of a cycle in which no servo of a bus answered."""
 AT_RISK = (RunState.APPROACH, RunState.FOLLOW, RunState.HOLD)
 """States in which the robot moves with the performer."""
-STOPS = (RunState.HOLD, RunState.STOPPING, RunState.STANDING)
+BRAKING_OR_STANDING = (RunState.HOLD, RunState.STOPPING, RunState.STANDING)
 """States in which the robot stops or stands."""
 
 

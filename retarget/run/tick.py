@@ -1,7 +1,8 @@
 """A tick of a run as a function of its input and state.
 
-`step` checks the servos, lets the supervisor choose the state, finds a target and checks it. It reads no clock, bus or
-stream. The loop, `retarget.Pipeline` and replay gather a `TickInput`, call it, and write the goal.
+`step` lets the supervisor choose the state, finds a target and checks it. It reads no clock, bus or stream. `perform`
+calls it, brakes after an exception, and writes the goal through the guard. The loop, `retarget.Pipeline` and replay
+gather a `TickInput` and call `perform`.
 """
 
 from collections.abc import Iterator
@@ -32,7 +33,7 @@ from retarget.types import Notify, RobotPosture, RunState
 
 TO_REST = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST)
 """States in which the robot brakes and waits while the bus is silent."""
-HOLDS_BEFORE_REST = "on its way to rest the robot holds, and tries again: {}"
+HOLDS_BEFORE_REST = "while it goes to rest the robot holds, and tries again: {}"
 NOT_FOLLOWABLE = "the performer could not be followed ({})"  # a hold reason
 NEAR_REST = 0.2  # [rad] largest distance of a joint from posture `rest`
 
@@ -76,8 +77,9 @@ class TickInput:
 
 @dataclass(frozen=True, eq=False)
 class TickState:
-    """The state between ticks. tick: the next of the performance. sample: the last valid one, or the one to approach.
-    refused: why goals to rest were refused; standing: why the robot stands at the end."""
+    """The state between ticks. tick: the next of the performance. sample: that of the last tick, None in a
+    hold; at first the one to approach. refused: why goals to rest were refused; standing: why the robot stands at the
+    end."""
 
     commanded: Commanded
     tick: int = 0

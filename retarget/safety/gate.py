@@ -128,8 +128,8 @@ class Gate:
         stop: StopPath | None = None,
         standing: FloatArray | None = None,
     ) -> CheckedGoal | None:
-        """The goal for a target posture (n,) rad after the goal sent last; None if refused. stop: planned from there.
-        standing (nq,): the present posture, for collision and balance."""
+        """The goal for a target posture (n,) rad after the goal sent last; None if refused. stop: planned from the
+        target, its first posture. standing (nq,): the present posture, for collision and balance."""
         if target is None or target.shape != last.joints.shape or not np.isfinite(target).all():
             return None
         return self._judged(last, np.array(target, dtype=np.float64, order="C"), stop, standing)

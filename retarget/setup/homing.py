@@ -21,7 +21,7 @@ TRIES = 5
 """Readings of a robot that moves before homing fails."""
 FAR = 0.35
 """Largest plausible distance from the profile's zero, rad."""
-FULL_TURN = 2.0 * np.pi
+FULL_TURN = 2.0 * np.pi  # [rad]
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from retarget.model.human_dimensions import POINTS
 from retarget.model.robot import load_robot
 from retarget.robot.crouch_envelope import Envelope
 from retarget.robot.landmarks import (
-    KNEE,
     SETTLE_S,
+    SOFT_ZONE,
     Facing,
     FootSeparation,
     LandmarkMap,
@@ -71,7 +71,7 @@ def separated(left: Vector, right: Vector) -> tuple[Vector, Vector]:
     return landmarks[2], landmarks[0]
 
 
-@given(reach, reach, st.floats(LEAST * (1.0 + KNEE), 0.5))
+@given(reach, reach, st.floats(LEAST * (1.0 + SOFT_ZONE), 0.5))
 def test_feet_far_from_each_other_stay(x: float, y: float, distance: float) -> None:
     left, right = (x, y + distance, 0.1), (0.0, y, 0.0)
     now = separated(left, right)

@@ -26,7 +26,7 @@ from rig import Rig, StubReconstructor, play
 
 AT = 20
 """Ticks of following before the exception comes."""
-WHY = "a person stops it"
+WHY = "a operator stops it"
 FAILS = "planted"
 SWING = 0.05 * (1.0 - np.cos(2.0 * np.pi * np.arange(100)[:, None] / 80)) * np.ones(20)
 """All joints set off smoothly, and go on: (ticks, n) rad from the posture in which the robot stands."""

@@ -63,7 +63,7 @@ def test_a_goal_passes_where_every_joint_is_within_its_bounds(
     low, high = BRAKING.bounds(position, before)
     goal = position + step
     asked = goal - position
-    admitted = BRAKING.admitted(position, before, goal, tolerance=tolerance)
+    admitted = BRAKING.accepted(position, before, goal, tolerance=tolerance)
     assert (admitted is not None) == bool((np.maximum(low - asked, asked - high) <= tolerance).all())
     if admitted is not None:
         np.testing.assert_array_equal(admitted, np.minimum(np.maximum(asked, low), high))
@@ -72,8 +72,8 @@ def test_a_goal_passes_where_every_joint_is_within_its_bounds(
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_what_is_not_finite_never_passes(bad: float) -> None:
     rest = np.zeros(3)
-    assert BRAKING.admitted(rest, rest, np.array([0.0, bad, 0.0]), tolerance=1.0) is None
-    assert BRAKING.admitted(rest, rest, np.zeros(2), tolerance=1.0) is None
+    assert BRAKING.accepted(rest, rest, np.array([0.0, bad, 0.0]), tolerance=1.0) is None
+    assert BRAKING.accepted(rest, rest, np.zeros(2), tolerance=1.0) is None
 
 
 @settings(max_examples=50)

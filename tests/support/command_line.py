@@ -12,6 +12,7 @@ from retarget.schema.catalogue import shipped_folder
 Typed = Callable[..., str]
 """Takes the words of a command line; what is printed."""
 
+
 def code_of(*words: object) -> int:
     """The exit code of `retarget WORDS`."""
     with pytest.raises(SystemExit) as left:

@@ -2,7 +2,8 @@
 
 A new protocol needs a decoder here (`vrchat.py` is the shortest), its axes in `skeletons.yaml`, its address in
 `live/address.py`, its sensors in `live/roles.py`, a row in `live/open_stream.py`, and its first bytes in
-`datagram_kinds.py`. Its tests: the maker's datagrams, and each field cut short, too long, NaN or repeated.
+`datagram_kinds.py`; `docs/live.md` and the help in `cli/run.py` list the addresses. Its tests: the maker's datagrams,
+and each field cut short, too long, NaN or repeated.
 """
 
 from collections import Counter

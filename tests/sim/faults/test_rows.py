@@ -58,7 +58,7 @@ def test_names_are_once_and_without_commas() -> None:
     assert len(set(names)) == len(names) and not any("," in name for name in names)
 
 
-IN_THE_WAY = ("person stops it", When.APPROACHING)
+IN_THE_WAY = ("operator stops it", When.APPROACHING)
 CLAIMS: list[tuple[str, When, dict[str, Any], str]] = [
     ("stream silent", When.MOVING, {"reaction": Reaction.NONE}, "it reacted"),
     ("stream silent", When.MOVING, {"limit": 0.05}, "held after 0.1"),
@@ -74,9 +74,14 @@ CLAIMS: list[tuple[str, When, dict[str, Any], str]] = [
     (*IN_THE_WAY, {"reaction": Reaction.TORQUE_OFF, "limit": 0.005}, "torque off after"),
     ("wrist lost", When.MOVING, {"limit": 0.05}, "left out after 0.1"),
     ("servo warm", When.MOVING, {"limit": 0.1}, "slow after"),
-    ("person stops it", When.MOVING, {"ends": 0.1}, "it ended after"),
-    ("person stops it", When.MOVING, {"watchdog": 0.05}, "20 servos still drove"),
-    ("person stops it", When.MOVING, {"when": When.STOPPING, "reaction": Reaction.TORQUE_OFF, "limit": 0.05}, "torque"),
+    ("operator stops it", When.MOVING, {"ends": 0.1}, "it ended after"),
+    ("operator stops it", When.MOVING, {"watchdog": 0.05}, "20 servos still drove"),
+    (
+        "operator stops it",
+        When.MOVING,
+        {"when": When.STOPPING, "reaction": Reaction.TORQUE_OFF, "limit": 0.05},
+        "torque",
+    ),
     ("servo too hot", When.IDLE, {"idle": Idle.ONLY_READS}, "instruction 0x"),
     ("wrong model", When.IDLE, {"refusal": ("r_hip_roll", "Elvis")}, "does not name 'Elvis'"),
     ("kill -9", When.MOVING, {"watchdog": 0.02}, "20 servos still drove"),
