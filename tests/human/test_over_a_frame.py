@@ -58,21 +58,17 @@ def errors_mm(position: FloatArray, dt: float = DT) -> FloatArray:
     return 1e3 * np.array([posture.sensor_error for posture in postures(position, dt)])
 
 
-def passing_legs() -> FloatArray:
+def test_sensors_outrank_the_shapes_of_the_human() -> None:
     """One ankle passes close by the other, as in a walk: nearer than the thickness of two shanks."""
     position = np.repeat(standing(0.15)[None], 120, axis=0)
     share = np.linspace(0.0, 1.0, 120)
     left, right = FIVE.index("l_ankle"), FIVE.index("r_ankle")
-    apart = position[0, left, 1] - position[0, right, 1]
-    position[:, left, 1] -= apart * np.sin(np.pi * share) * 0.7
+    distance = position[0, left, 1] - position[0, right, 1]
+    position[:, left, 1] -= distance * np.sin(np.pi * share) * 0.7
     position[:, left, 0] += 0.4 * (share - 0.5)
     position[:, [FIVE.index(name) for name in ("head", "l_wrist", "r_wrist")], 2] -= 0.04  # knees bend
     position[:, left, 2] += 0.05 * np.sin(np.pi * share)
-    return position
-
-
-def test_sensors_outrank_the_shapes_of_the_human() -> None:
-    assert errors_mm(passing_legs())[36:].max() < 1.0
+    assert errors_mm(position)[36:].max() < 1.0
 
 
 @pytest.mark.parametrize("rate", [30.0, 40.0, 60.0, 120.0])

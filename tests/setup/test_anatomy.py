@@ -121,8 +121,13 @@ def test_without_legs_arms_or_a_second_side() -> None:
     legs = [part for part in HUMANOID if part.name not in {"face"} and part not in arms]
     walker = proposed_anatomy(text_tree(humanoid(legs)))
     assert len(walker.legs) == 2 and not walker.arms
-    alone = proposed_anatomy(text_tree(table_arm()))
+    arm = text_tree(table_arm())
+    alone = proposed_anatomy(arm)
     assert list(alone.arms) == ["r"] and len(alone.arms["r"].nodes) == 4
+    found = find_frames(arm, alone)
+    assert set(found.frames) == {"neck", "head", "r_shoulder", "r_elbow", "r_hand"}
+    assert [text.split(":")[0] for text in found.missing] == ["head", "legs", "l_hand"]
+    assert found.frames["r_hand"].position[2] > found.frames["r_elbow"].position[2]
     assert not proposed_anatomy(text_tree(humanoid(TRUNK))).legs
 
 
@@ -267,11 +272,3 @@ def test_a_foot_that_is_a_ball_has_no_sole() -> None:
     tree = text_tree(text)
     found = find_frames(tree, proposed_anatomy(tree))
     assert not found.feet and any(text.startswith("l_sole: the foot has no flat") for text in found.missing)
-
-
-def test_an_arm_has_a_hand_and_a_list_of_missing_parts() -> None:
-    tree = text_tree(table_arm())
-    found = find_frames(tree, proposed_anatomy(tree))
-    assert set(found.frames) == {"neck", "head", "r_shoulder", "r_elbow", "r_hand"}
-    assert [text.split(":")[0] for text in found.missing] == ["head", "legs", "l_hand"]
-    assert found.frames["r_hand"].position[2] > found.frames["r_elbow"].position[2]

@@ -25,7 +25,7 @@ from retarget.run.options import RunOptions
 from retarget.run.trial import try_robot
 from retarget.safety.joint_ranges import questioned_ranges
 from retarget.schema.profile import DRAFT, RobotProfile, marked_lines, read_profile
-from retarget.schema.profile_parts import Foot, Gains, Landmark, ProfileFrame, Servo
+from retarget.schema.profile_parts import Foot, Landmark, ProfileFrame, Servo
 from retarget.setup.body_draft import BodyDraft
 from retarget.setup.draft import Draft, profile_text
 from retarget.setup.import_robot import import_robot
@@ -257,17 +257,8 @@ def test_small_arms_are_imported_without_landmarks_that_have_no_length(places: t
 # A drafted profile as YAML, and servos guessed from what a body file says of torque and speed.
 
 FRAME = ProfileFrame(link="Yes", pos=(0.1, -0.0, 1e-7))
-SERVO = Servo(
-    id=1,
-    model="MX-28",
-    bus="main",
-    direction=1,
-    zero_tick=2048,
-    limits=(-1.5, 1.25),
-    max_velocity=5.2,
-    max_acceleration=30.0,
-    gains=Gains(p=850),
-)
+MOTION = {"limits": (-1.5, 1.25), "max_velocity": 5.2, "max_acceleration": 30.0, "gains": {"p": 850}}
+SERVO = Servo.model_validate({"id": 1, "model": "MX-28", "bus": "main", "direction": 1, "zero_tick": 2048, **MOTION})
 DRAFTED_SERVO = ServoDraft("no", SERVO, "by its 2.5 N m", "drawn in")
 HAND = Landmark.model_validate(
     {
@@ -305,7 +296,7 @@ def read(text: str, folder: Path) -> RobotProfile:
     return read_profile(path)
 
 
-def test_everything_comes_back(tmp_path: Path) -> None:
+def test_everything_comes_back_and_drafts_are_marked(tmp_path: Path) -> None:
     text = profile_text(DRAFTED)
     profile = read(text, tmp_path)
     head, neck = profile.frames["head"], profile.frames["neck"]
@@ -316,10 +307,6 @@ def test_everything_comes_back(tmp_path: Path) -> None:
     assert profile.landmarks["l_hand"].human_length == (("l_shoulder",), ("l_elbow", "l_wrist"))
     assert profile.landmarks["l_hand"].offset == (0.0, 0.1, -0.2)
     assert max(len(line.split("  #")[0]) for line in text.splitlines()) <= 120
-
-
-def test_what_is_only_a_draft_is_marked() -> None:
-    text = profile_text(DRAFTED)
     lines = text.splitlines()
     marked = [lines[number - 1] for number in marked_lines(text)]
     assert sum("direction, zero_tick" in line for line in marked) == 2 and len(marked) == 2 + 5
@@ -435,14 +422,11 @@ def test_names_tell_a_model_in_any_writing(known: str, write: Callable[[str], st
     assert not models_in_names(["left_arm", "xmas", "body_430"])
 
 
-def test_limits_that_no_servo_reaches_are_refused() -> None:
+def test_limits_that_no_servo_reaches_are_refused_and_a_model_that_is_given_fills_the_column() -> None:
     drafts = guessed(arm(2.5, limits='lower="2.5" upper="5.0"'))
     assert max(draft.entry.limits[1] for draft in drafts) < np.pi
     with refuses(InputError, "j_turn"):
         guessed(arm(2.5, limits='lower="3.5" upper="5.0"'))
-
-
-def test_a_model_that_is_given_fills_the_column() -> None:
     assert {one.entry.model for one in guessed(arm(2.5), model="XL330-M288")} == {"XL330-M288"}
     text = arm(2.5).replace('"bend"', '"bend_xl430_w250_case"')
     assert {one.entry.model for one in guessed(text)} == {"XL430-W250"}

@@ -130,14 +130,10 @@ def test_a_mesh_counts_with_its_vertices_wherever_the_compiler_moved_it() -> Non
     assert np.allclose(found, expected, atol=1e-6)  # the inner one is not on the hull
 
 
-def test_a_link_of_many_shapes_is_tried_along_few_axes() -> None:
-    """Each orientation once, that of balls never."""
+def test_a_link_of_many_shapes_is_tried_along_few_axes_and_shapes_that_collide_count_first() -> None:
     boxes = "".join(f'<geom type="box" size="0.01 0.01 0.01" euler="0 0 {n % 70}"/>' for n in range(140))
     assert len(arm(boxes).axes) == MOST_AXES
     assert len(arm('<geom size="0.1" euler="0 0 9"/>' + 3 * '<geom type="box" size="1 1 1"/>').axes) == 1
-
-
-def test_what_collides_counts_and_else_what_is_seen() -> None:
     seen, solid = '<geom size="0.2" contype="0" conaffinity="0"/>', '<geom size="0.1"/>'
     assert arm(seen + solid).radii.tolist() == [0.1] and arm(seen).radii.tolist() == [0.2]
 
