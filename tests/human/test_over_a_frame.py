@@ -145,17 +145,9 @@ def getting_down(frames: int = 120) -> FloatArray:
     hips, knees and spine, the pelvis leaning forward, the ankles where they were."""
     human = build_human(proportional_dimensions(1.75))
     upright = human.posture("stand")
-    down = human.posture_from(
-        {
-            "hip_flexion": 91.0,
-            "knee_flexion": 88.0,
-            "ankle_dorsiflexion": 20.0,
-            "spine_flexion": 36.0,
-            "neck_flexion": -20.0,
-            "shoulder_elevation": 50.0,
-            "elbow_flexion": 20.0,
-        }.items()
-    )
+    legs = {"hip_flexion": 91.0, "knee_flexion": 88.0, "ankle_dorsiflexion": 20.0}
+    trunk = {"spine_flexion": 36.0, "neck_flexion": -20.0, "shoulder_elevation": 50.0, "elbow_flexion": 20.0}
+    down = human.posture_from({**legs, **trunk}.items())
     shares = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, frames))
     q = upright + shares[:, None] * (down - upright)
     lean = np.deg2rad(40.0) * shares

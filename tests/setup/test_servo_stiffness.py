@@ -89,13 +89,13 @@ def test_the_load_is_the_slope_of_the_potential_energy() -> None:
 
 def test_goals_are_slow_within_limits_and_held_from_both_sides() -> None:
     robot, held = hanging(), knee()
-    way, servo = held.goals[:, held.column], held.servo
+    track, servo = held.goals[:, held.column], held.servo
     stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
     others = np.delete(np.arange(len(stand)), held.column)
-    np.testing.assert_array_equal(held.goals[:, others], np.tile(stand[others], (len(way), 1)))
-    assert servo.lower < way.min() < stand[held.column] < way.max() < servo.upper
-    assert np.abs(np.diff(way)).max() / DT <= robot.profile.safety.speed_caps.approach * servo.max_velocity
-    assert np.abs(np.diff(way, n=2)).max() / DT**2 <= servo.max_acceleration
+    np.testing.assert_array_equal(held.goals[:, others], np.tile(stand[others], (len(track), 1)))
+    assert servo.lower < track.min() < stand[held.column] < track.max() < servo.upper
+    assert np.abs(np.diff(track)).max() / DT <= robot.profile.safety.speed_caps.approach * servo.max_velocity
+    assert np.abs(np.diff(track, n=2)).max() / DT**2 <= servo.max_acceleration
 
 
 @pytest.mark.parametrize(

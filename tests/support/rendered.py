@@ -30,14 +30,9 @@ DISTANCE, CAMERA_HEIGHT, FIELD_DEG = 3.0, 1.0, 48.0
 SKIN, HAIR, DARK, WHITE, LIPS = "0.85 0.62 0.5", "0.16 0.1 0.06", "0.05 0.05 0.06", "0.95 0.95 0.95", "0.65 0.25 0.25"
 SHIRT, TROUSERS, SHOES = "0.15 0.35 0.7", "0.2 0.2 0.24", "0.3 0.18 0.1"
 CLOTHES = {
-    "pelvis": TROUSERS,
-    "hip": TROUSERS,
-    "knee": TROUSERS,
+    **dict.fromkeys(("pelvis", "hip", "knee"), TROUSERS),
     "ankle": SHOES,
-    "neck": SKIN,
-    "head": SKIN,
-    "elbow": SKIN,
-    "wrist": SKIN,
+    **dict.fromkeys(("neck", "head", "elbow", "wrist"), SKIN),
 }
 """Kind of link -> its colour; all else is the shirt's."""
 STOUTER = {"arm": 1.6, "hand": 1.5, "leg": 1.8, "trunk": 1.4}
@@ -87,10 +82,7 @@ def moving(human: Human, angles_deg: dict[str, FloatArray | float], *, pitch: Fl
     pitch (T,): forward lean of the pelvis, degrees. Joints' limits are not kept.
     """
     frames = max(np.size(track) for track in angles_deg.values())
-    q = np.tile(
-        human.posture_from([*RELAXED, ("hip_abduction", 4.0)]),
-        (frames, 1),
-    )
+    q = np.tile(human.posture_from([*RELAXED, ("hip_abduction", 4.0)]), (frames, 1))
     _, address = human.body.scalar_joints()
     for motion, track in angles_deg.items():
         for name in [motion] if motion in human.body.dof_names else [f"l_{motion}", f"r_{motion}"]:
@@ -155,15 +147,8 @@ def crouching(human: Human, depth: float = 0.3, *, seconds: float = 6.0) -> Moti
     drop = thigh * (1.0 - np.cos(angles)) + shank * (1.0 - np.cos(0.5 * angles))
     leg = np.rad2deg(np.interp(depth * _rise(seconds, begin=1.0, last=1.5), drop, angles))
     lean = 0.3 * leg
-    return moving(
-        human,
-        {
-            "hip_flexion": leg + lean,
-            "knee_flexion": 1.5 * leg,
-            "ankle_dorsiflexion": 0.5 * leg,
-        },
-        pitch=lean,
-    )
+    tracks = {"hip_flexion": leg + lean, "knee_flexion": 1.5 * leg, "ankle_dorsiflexion": 0.5 * leg}
+    return moving(human, {**tracks}, pitch=lean)
 
 
 def stepping(human: Human, *, seconds: float = 5.0, lift: float = 40.0) -> Motion:

@@ -9,9 +9,8 @@ from followers import dimensions, op3, performer
 from retarget import _solver
 from retarget.model.human import Human, build_human
 from retarget.model.meshes import LEFT, RIGHT, rgb, shape_mesh
-from retarget.model.observers import Observers, placed, robot_observers
+from retarget.model.observers import placed, robot_observers
 from retarget.run.table import RunTable
-from retarget.types import FloatArray
 from retarget.web.shown import Cast, live_tracks
 
 AWAY = np.array([[0.0, 2.0, 0.3, 1.0, 0.0, 0.0, 0.0]])
@@ -97,25 +96,19 @@ def test_only_observers_that_act_are_shown_where_they_are(cast: Cast, human: Hum
 def test_the_nearest_two_are_shown_where_one_of_them_acts(cast: Cast, human: Human) -> None:
     """The line between them is as long as the observers are apart; nothing is near where the rest is far away."""
     known = robot_observers(op3())
-    apart = pair_distances(known)
-    modes = np.zeros(len(known.names), dtype=np.uint8)
-    modes[known.pairs[int(np.argmin(apart)), 0]] = 1
-    begin, end = live_tracks(cast, row(human, observer_modes=modes))["robot.near"][0]
-    assert np.linalg.norm(end - begin) == pytest.approx(abs(apart.min()), abs=1e-6)
-    alone = int(np.argmax([apart[(known.pairs == one).any(axis=1)].min() for one in range(len(modes))]))
-    assert apart[(known.pairs == alone).any(axis=1)].min() > known.influence.max()
-    modes[:] = np.arange(len(modes)) == alone
-    assert np.isnan(live_tracks(cast, row(human, observer_modes=modes))["robot.near"]).all()
-
-
-def pair_distances(known: Observers) -> FloatArray:
-    """Of all pairs as the file has OP3, m."""
     places, turns = placed(op3().body, known, op3().body.qpos0)
     sides = []
-    for column in known.pairs.T:
-        one = np.ascontiguousarray(column)
-        sides += [known.kinds[one], known.sizes[one], places[one], turns[one]]
-    return _solver.shape_distances(*sides)[0]
+    for column in map(np.ascontiguousarray, known.pairs.T):
+        sides += [known.kinds[column], known.sizes[column], places[column], turns[column]]
+    distances = _solver.shape_distances(*sides)[0]
+    modes = np.zeros(len(known.names), dtype=np.uint8)
+    modes[known.pairs[int(np.argmin(distances)), 0]] = 1
+    begin, end = live_tracks(cast, row(human, observer_modes=modes))["robot.near"][0]
+    assert np.linalg.norm(end - begin) == pytest.approx(abs(distances.min()), abs=1e-6)
+    alone = int(np.argmax([distances[(known.pairs == one).any(axis=1)].min() for one in range(len(modes))]))
+    assert distances[(known.pairs == alone).any(axis=1)].min() > known.influence.max()
+    modes[:] = np.arange(len(modes)) == alone
+    assert np.isnan(live_tracks(cast, row(human, observer_modes=modes))["robot.near"]).all()
 
 
 def test_a_human_alone_has_the_obstacles(human: Human) -> None:
