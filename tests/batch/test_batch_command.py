@@ -42,13 +42,14 @@ REFUSED = {
     "memory that is no number": ["--memory", "nan"],
     "no jobs": ["--jobs", "0"],
     "scene": ["--scene", "tabel"],
+    "a folder without motion": ["data/empty"],
 }
 
 
 @pytest.fixture
 def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "data").mkdir()
+    (tmp_path / "data/empty").mkdir(parents=True)
     (tmp_path / "data/good.bvh").write_bytes(SAMPLE.read_bytes())
     (tmp_path / "data/bad.bvh").write_text("no motion\n")
     return tmp_path / "data"
@@ -61,12 +62,6 @@ def test_what_cannot_be_is_refused_before_anything_runs(
     assert code_of("--out", "out", *REFUSED[case], "data") == 2
     shows(capsys.readouterr().err)
     assert not Path("out").exists()
-
-
-def test_a_folder_without_motion_is_refused(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (data / "empty").mkdir()
-    assert code_of("--out", "out", "data", "data/empty") == 2
-    shows(capsys.readouterr().err, "data/empty")
 
 
 @pytest.mark.long

@@ -98,13 +98,6 @@ def op3() -> Fit:
     return fit("op3", ZONES)
 
 
-@pytest.fixture
-def body(tmp_path: Path) -> Path:
-    path = tmp_path / "two.xml"
-    path.write_text(TWO_LINKS, encoding="utf-8")
-    return path
-
-
 def test_the_fragment_loads_in_a_profile(op3: Fit, tmp_path: Path) -> None:
     text = (OP3 / "robot.yaml").read_text(encoding="utf-8")
     start, end = text.index("\nobservers:"), text.index("\n# Convex outline around")
@@ -117,16 +110,15 @@ def test_the_fragment_loads_in_a_profile(op3: Fit, tmp_path: Path) -> None:
     assert robot_observers(load_robot(tmp_path)).pairs.size
 
 
-def test_out_writes_the_file_and_says_what_is_in_it(
-    capsys: pytest.CaptureFixture[str], body: Path, tmp_path: Path
+def test_out_writes_the_file_with_a_summary_and_never_over_its_input(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
+    body = tmp_path / "two.xml"
+    body.write_text(TWO_LINKS, encoding="utf-8")
     printed = said_by(capsys, "fit-observers", body)[1]
     code, out, _ = said_by(capsys, "fit-observers", body, "--out", tmp_path / "new.yaml")
     assert (code, out) == (0, f"{tmp_path / 'new.yaml'}: 2 observers; 0 pairs to ignore\n")
     assert (tmp_path / "new.yaml").read_text(encoding="utf-8") == printed
-
-
-def test_what_it_was_made_from_is_never_overwritten(capsys: pytest.CaptureFixture[str], body: Path) -> None:
     code, _, err = said_by(capsys, "fit-observers", body, "--out", body)
     assert code == 2
     shows(err)
