@@ -240,5 +240,4 @@ class ClockMap:
         return self._latest
 
     def _step(self, stamp: float) -> float:
-        """The least time between two stamps, s."""
         return max(self._resolution, ldexp(1.0, frexp(stamp)[1] - self._significand))

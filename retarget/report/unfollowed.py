@@ -153,7 +153,6 @@ class UnfollowedNotice:
             self._flight.clear()
 
     def _risen(self, floor: float, foot: float) -> float:
-        """Running estimate of the percentile."""
         share = 0.01 * FLOOR_PERCENTILE
         return floor + FLOOR_M_S * self._dt * (share if foot > floor else share - 1.0)
 

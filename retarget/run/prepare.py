@@ -192,7 +192,6 @@ class Prepared:
         )
 
     def _capped(self) -> tuple[str, ...]:
-        """A note about capped linear solves."""
         capped = self.reconstructor.hierarchy.solver.capped
         if self.machine is not None:
             capped += self.machine.follower.hierarchy.solver.capped
@@ -308,7 +307,6 @@ def prepare_for(
 
 @contextmanager
 def _open(bus: ServoBus, guard: Guard) -> Iterator[None]:
-    """Open the bus within the context."""
     bus.open()
     failed = True
     try:

@@ -133,7 +133,6 @@ def _try_folder(folder: Path, option: str) -> None:
 
 @contextmanager
 def _refused(path: Path, option: str) -> Iterator[None]:
-    """Raise UsageError with the system's reason."""
     try:
         yield
     except OSError as error:

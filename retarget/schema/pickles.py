@@ -50,7 +50,6 @@ def _kind(path: Path, head: bytes) -> str:
 
 
 def _has_pickle(path: Path) -> bool:
-    """True for a zip archive of torch."""
     try:
         with zipfile.ZipFile(path) as archive:
             return any(name.rpartition("/")[2] == "data.pkl" for name in archive.namelist())

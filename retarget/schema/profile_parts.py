@@ -245,7 +245,7 @@ class Observer(Schema):
     influence: Positive
     """[m] Distance at which it acts."""
     margin: NotNegative
-    """[m] Distance that it keeps. Of two parts the larger margin counts. The gate requires a quarter."""
+    """[m] Distance that it keeps. The larger margin of two parts counts. The gate requires a quarter."""
 
 
 class IgnorePair(Schema):

@@ -82,7 +82,6 @@ def write_calibration(calibration: ServoCalibration, path: Path | None = None) -
 
 
 def _problems(profile: RobotProfile, read: ServoCalibration, document: Document) -> list[Problem]:
-    """All signs of another robot."""
     found: list[Problem] = []
     if read.robot and read.robot != profile.name:
         allowed = profile.name

@@ -299,7 +299,6 @@ def _core(text: str) -> Scalar:
 
 
 def _kind(value: Node) -> str:
-    """A value's kind in a user's words."""
     if isinstance(value, list):
         return "a list"
     if isinstance(value, dict):

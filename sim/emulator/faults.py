@@ -13,14 +13,11 @@ from retarget.schema.strict_models import Integer, Name, NotNegative, Number, Po
 
 
 class FaultKind(Enum):
-    """Kinds of fault. A packet is an instruction frame, a status frame, or a device's part of a fast reply."""
+    """Kinds of fault (`docs/emulator.md`). A packet is an instruction, a status, or a device's part of a fast reply."""
 
     DROP = "drop"
-    """Packets, or single bytes, are lost."""
     FLIP = "flip"
-    """One bit of a packet, or of single bytes, is flipped."""
     DUPLICATE = "duplicate"
-    """Packets, or single bytes, come twice."""
     LATE = "late"
     """Packets, or the rest of a packet after a byte, are `value` s late, and all that follows."""
     NOISE = "noise"
@@ -28,7 +25,6 @@ class FaultKind(Enum):
     CRC_STORM = "crc_storm"
     """The CRC or checksum of devices is wrong."""
     MISSING = "missing"
-    """Devices neither receive nor answer."""
     SILENT_TAIL = "silent_tail"
     """Devices do not answer group reads, nor do those behind them."""
     ID_CLASH = "id_clash"
@@ -36,27 +32,20 @@ class FaultKind(Enum):
     SHORT = "short"
     """No bytes pass; the host receives `value` random bytes for each of its packets."""
     ECHO = "echo"
-    """The adapter returns the host's own bytes."""
     OVER_TEMPERATURE = "over_temperature"
-    """Devices have `value` degrees Celsius."""
     UNDER_VOLTAGE = "under_voltage"
-    """The supply of devices is `value` V; a very low one resets them (a brown-out)."""
+    """The supply of devices is `value` V; a very low one resets them."""
     OVERLOAD = "overload"
     """Shafts are blocked: a servo that moves overloads."""
     UNPLUG = "unplug"
-    """The adapter is unplugged from the host."""
     IMU_FROZEN = "imu_frozen"
-    """The IMU repeats its last numbers."""
     IMU_SWAPPED = "imu_swapped"
-    """The IMU inverts x and y."""
     IMU_SPIKES = "imu_spikes"
-    """The IMU sometimes shows numbers beyond its range."""
     CURRENT_STUCK = "current_stuck"
-    """A servo shows a constant current."""
 
 
 class Direction(Enum):
-    """Direction of the bytes that a fault changes."""
+    """Direction of the changed bytes."""
 
     TO_SERVOS = "to_servos"
     TO_HOST = "to_host"
