@@ -109,7 +109,7 @@ def _parted(docstring: str) -> tuple[str, str]:
 @cache
 def _docstrings(model: type[BaseModel]) -> dict[str, str]:
     """The docstring of each field, those of the base classes included."""
-    found = {"type": "Kind of task."}
+    found: dict[str, str] = {}
     for one in reversed(model.__mro__):
         if issubclass(one, BaseModel) and one is not BaseModel:
             found |= dict(docstrings_below(one))

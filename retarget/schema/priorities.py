@@ -85,6 +85,7 @@ class PositionTask(Phased):
     """Points of the body go to their desired positions. Rows are the world's x, y, z."""
 
     type: Literal["position"]
+    """Kind of task."""
     of: Names
     """Sensors (of a human); landmarks or frames (of a robot). One name or a list."""
     weight: RowWeights = (1.0, 1.0, 1.0)
@@ -98,6 +99,7 @@ class LimbTask(Phased):
     arms do not pull the trunk along. Rows are the world's x, y, z."""
 
     type: Literal["limb"]
+    """Kind of task."""
     of: Names
     """Landmarks with one anchor; or `neck`, the line to it from the pelvis."""
     weight: Positive = 1.0
@@ -108,6 +110,7 @@ class OrientationTask(Phased):
     """Frames of the body take their desired orientations. Rows are rotations about the world's x, y, z."""
 
     type: Literal["orientation"]
+    """Kind of task."""
     of: Names
     """As in a position task."""
     weight: RowWeights = (1.0, 1.0, 1.0)
@@ -118,6 +121,7 @@ class AxisTask(Phased):
     """`axis` of each frame points along `direction` in the heading frame (z up): soles flat, trunk upright."""
 
     type: Literal["axis"]
+    """Kind of task."""
     of: Names
     """As in a position task."""
     axis: Direction
@@ -136,6 +140,7 @@ class HeadingTask(Phased):
     """The left axis of each frame points to the left of the heading estimate."""
 
     type: Literal["heading"]
+    """Kind of task."""
     of: Names
     """As in a position task."""
     weight: Positive = 1.0
@@ -146,6 +151,7 @@ class LookAtTask(Phased):
     """`axis` of each frame aims at its desired point."""
 
     type: Literal["look_at"]
+    """Kind of task."""
     of: Names
     """As in a position task."""
     axis: Direction = (1.0, 0.0, 0.0)
@@ -158,6 +164,7 @@ class CentreOfMassTask(Phased):
     """The centre of mass is kept over the root, over the feet, or inside their support polygon."""
 
     type: Literal["centre_of_mass"]
+    """Kind of task."""
     mode: Literal["over_root", "over_feet", "support"]
     """Inside the support polygon by inequalities; the paper has over_root."""
     weight: RowWeights = (1.0, 1.0, 0.0)
@@ -177,6 +184,7 @@ class StrengthTask(Schema):
     """Joints of the legs carry no more than their servos can for long (see `retarget.robot.balance`)."""
 
     type: Literal["strength"]
+    """Kind of task."""
     share: Annotated[Positive, Field(le=1.0)]
     """Sustained share of each servo's stall torque; more only if `stand` alone needs it."""
 
@@ -185,6 +193,7 @@ class PostureTask(_Weighed):
     """Joints are drawn to a posture of the body."""
 
     type: Literal["posture"]
+    """Kind of task."""
     towards: Name = "attractor"
     """Name of the posture."""
     lowered: Name | None = None
@@ -200,6 +209,7 @@ class CarriedTask(Phased):
     not move the whole body at once."""
 
     type: Literal["carried"]
+    """Kind of task."""
     by: Annotated[dict[Name, Positive], Field(max_length=32)]
     """Share of each sensor, in proportion. The head always carries, the others together less while they fly past it."""
     settle: Positive
@@ -212,6 +222,7 @@ class ReactiveTask(Schema):
     """Observers in contact push their part out."""
 
     type: Literal["reactive"]
+    """Kind of task."""
     of: Names | None = None
     """Observers; absent: all."""
     against: Against = "all"
@@ -224,6 +235,7 @@ class PreventiveTask(Schema):
     """Observers inside influence damp the approach of their part."""
 
     type: Literal["preventive"]
+    """Kind of task."""
     of: Names | None = None
     """Observers; absent: all."""
     against: Against = "all"
