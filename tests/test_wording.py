@@ -8,7 +8,7 @@ from pathlib import Path
 TESTS = Path(__file__).resolve().parent
 LEFT = TESTS / "support" / "wording_left.txt"
 """Phrases that tests still assert: of third parties, of pages and files that are looked into. It may only shrink."""
-MOST = 15
+MOST = 14
 
 WORDS = re.compile(r"[A-Za-z]{2,}[,;:]?(?:\\?[ ])[A-Za-z]{2,}")
 """Two English words in a row."""
