@@ -67,7 +67,7 @@ def main(arguments: "Sequence[str] | None" = None) -> None:
 
 def _begun_stop(words: list[str]) -> "Callable[[], None] | None":
     """Send the word of `retarget stop` before anything else is imported. Returns the rest of the command; None if
-    nothing was sent, so that the command begins as any other."""
+    nothing was sent."""
     from retarget.cli.stop import confirm, sent
 
     try:

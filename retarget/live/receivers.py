@@ -183,11 +183,8 @@ class UdpReceiver:
         return found
 
     def _arrival(self, control: list[tuple[int, int, bytes]], now: float) -> float:
-        """Arrival of a datagram by the kernel, s on the clock of `now`; `now` if unknown.
-
-        The wall clock may be set at any time. A late time does no harm, after an early one the offset
-        is measured anew.
-        """
+        """Arrival of a datagram by the kernel, s on the clock of `now`; `now` if unknown. After an early one the offset
+        to the wall clock is measured anew."""
         arrival = now
         for _, kind, content in control:
             if kind == SO_RXQ_OVFL and len(content) == COUNTER.size:

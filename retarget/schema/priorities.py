@@ -66,7 +66,7 @@ class _Weighed(Schema):
     max_error: Positive | None = None
     """[m or rad] Largest corrected error per iteration; absent: the solver's own."""
     optional: Switch = False
-    """Names in `of` may be missing on the body or among the sensors."""
+    """Names in `of` may be missing."""
 
 
 Phase = Literal["double", "left", "right", "flight"]

@@ -114,7 +114,7 @@ class StateReader:
         """Return loads of soles (k,) and corners (c,) N, centre of pressure (2,) m, and the contacts: their number
         between links and with fixtures, and a link on the floor.
 
-        The first row of a contact is its normal force (elliptic cone). In plain floats for a dozen contacts.
+        The first row of a contact is its normal force (elliptic cone).
         """
         load, pressed = [0.0] * len(self._feet), [0.0] * len(self._corner_of)
         own = fixtures = 0
