@@ -58,15 +58,15 @@ class ServoStates:
     alert: ByteArray
     """`ServoAlert` bits; 0: healthy."""
     age: FloatArray
-    """Since the last answer, s; inf before the first."""
+    """Time since the last answer, s; inf before the first."""
     valid: BoolArray
     """True if the servo answered in this cycle."""
     driven: BoolArray
     """True if, by its last report, the servo follows goals."""
     retries: int = 0
-    """Since the bus was opened."""
+    """Requests repeated since the bus was opened, for all servos."""
     error_rate: float = 0.0
-    """Share of the cycles of 0.05 s with damaged answers and several retries."""
+    """Share of the cycles of the last 0.05 s with damaged answers and several retries."""
     soles: BoolArray | None = None
     """True for each sole with floor contact, (k,) in the profile's order; None if not measured."""
     imu: ImuSample | None = None

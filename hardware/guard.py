@@ -170,7 +170,7 @@ class Guard:
             self.latch(fault.cause, fault.reason)
 
     def write(self, goal: CheckedGoal) -> None:
-        """Send the gate's next goal. Raises GuardError for any other."""
+        """Send the gate's next goal. Raises GuardError for any other, BusError when the bus fails."""
         last = self.goal
         if type(goal) is not CheckedGoal or last is None or goal.seal is not last.seal or goal.seal.before is not last:
             raise GuardError("only the next goal of the gate is written", where="guard", found=type(goal).__name__)
@@ -204,8 +204,8 @@ class Guard:
             self.stop = replace(stop, reason=f"{stop.reason}, then: {reason}", then=cause)
 
     def switch_off(self, cause: StopCause, reason: str) -> None:
-        """Switch torque off at once and latch it (stop category 0), first of all, so that an interrupt leaves the
-        advice to cut the power."""
+        """Latch a stop of category 0, then switch torque off. The latch is first, so that an interrupt of the command
+        leaves the reason and the advice to cut the power."""
         then = None
         if self.stop is not None:
             first, then = self.stop.reason.removesuffix(TORQUE_OFF).removesuffix(CUT_POWER), self.stop.then

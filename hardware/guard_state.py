@@ -64,14 +64,14 @@ class Stop:
 
 @dataclass(frozen=True)
 class GuardLimits:
-    """Limits of the guard.
+    """Limits of the guard. Infinite ones are not watched.
 
     max_age: s since a servo's last answer. max_silence: s without an answer from a whole bus, during which the robot
     holds. max_pause: s between ticks. max_temperature: degrees Celsius. voltage: lowest and highest, V.
     following_error: rad of the joint, at once; sustained_error: for sustained_time, s. max_current: A, for
-    current_time, s. lag: time constants of the position loops, s (n,), from whose response errors count. warn_...:
-    warning levels. slow_share: speed override during a warning that slows the robot. limbs (n,): servos without which
-    the robot goes to rest.
+    current_time, s. lag: time constants of the position loops, s (n,), from whose response errors count; (): from
+    the goal. warn_...: warning levels. slow_share: speed override during a warning that slows the robot. limbs (n,):
+    True for a dispensable servo, without which the robot goes to rest; (): every servo is needed.
     """
 
     max_age: float = 0.1

@@ -1,4 +1,8 @@
-"""From a performer's sensors to safe goals for a servo humanoid. Public names load on first use."""
+"""From a performer's sensors to safe goals for a servo humanoid.
+
+In: motion files, streams, YAML. Out: checked goals, recordings, reports. Public names load on first use. Folders import
+as `ARROWS` in `tests/test_house.py` says; all may import `hardware`, and `cli` alone imports `sim`.
+"""
 
 import importlib
 import os

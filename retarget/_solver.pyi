@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
 Number = TypeVar("Number", float, Floats)
-Playout: TypeAlias = tuple[Floats, Floats, NDArray[np.bool_], Floats, NDArray[np.int8], Floats]
+PlayoutSample: TypeAlias = tuple[Floats, Floats, NDArray[np.bool_], Floats, NDArray[np.int8], Floats]
 
 @final
 class Body:
@@ -461,9 +461,9 @@ class PoseRing:
         Returns the newest time of those sensors before (minus infinity if there was none, None if no pose is valid),
         and the numbers of poses that were not stored, as repeated and as too old.
         """
-    def latest(self, now: float) -> Playout:
+    def latest(self, now: float) -> PlayoutSample:
         """The newest pose of every sensor."""
-    def read(self, at: float, now: float) -> Playout:
+    def read(self, at: float, now: float) -> PlayoutSample:
         """Every sensor at a time `at`, s, not after `now`: between its poses, or a little beyond the newest."""
     def clear(self) -> None:
         """Forget every pose."""

@@ -246,7 +246,7 @@ Results:
 """
 """Options of several commands, which need not describe them."""
 _HEADING = re.compile(r"([A-Z][\w ]*):")
-_ENTRY = re.compile(r"    (\w+)(?: \((.+?)\))?(?: (\S+))??(?: ([\d.]+?)\.\.(\d*))?: (.+)")
+_ENTRY = re.compile(r"    (\w+)(?: \((.+?)\))?(?: (\S+))??(?: ([\d.]+?)\.\.([\d.]*))?: (.+)")
 
 
 @dataclass(frozen=True)

@@ -1,2 +1,5 @@
-"""One run of a robot. In: options, a performer's samples, servo states. Out: checked goals and their record. Imports
-all of `robot`, `safety` and `live`."""
+"""One run of a robot.
+
+In: options, a performer's samples, servo states. Out: checked goals and their record. May import `robot`, `safety`,
+`live` and all below them.
+"""

@@ -77,12 +77,12 @@ class RunTable:
     phase: ByteArray = _field("", "`Phase`: 0 approach, 1 follow, 2 brake", topic="/tick", npz=".")
     state: ModeArray = _field("", "state of the run, counted in the order of `RunState`", topic="/tick")
     kept: BoolArray = _field("", "the tick was completed; what follows from it is known only then", topic="/tick")
-    gated: BoolArray = _field("", "the gate sent something else than was asked", topic="/tick", npz=".")
+    gated: BoolArray = _field("", "the gate sent another goal than the desired one", topic="/tick", npz=".")
     no_command: BoolArray = _field("", "there was no goal, and the gate braked by itself", topic="/tick")
     cost: FloatArray = _field(
         "s", "thread CPU of both stages, NaN: did not run; wall time of the tick", 3, topic="/tick", fill=np.nan
     )
-    asked: BitArray = _field("", "`Asked` before the cycle, and answered with yes", topic="/tick")
+    asked: BitArray = _field("", "`InputFlag` bits of the cycle", topic="/tick")
     clock: FloatArray = _field("s", "what the clock said", READINGS, topic="/tick")
     readings: ModeArray = _field("", "number of readings of the clock", topic="/tick")
     velocity_command: FloatArray = _field(

@@ -1,1 +1,4 @@
-"""Lines of emulated Dynamixel servos: bytes of a host in, bytes of the servos out, each at its time on the wire."""
+"""Lines of emulated Dynamixel servos.
+
+In: bytes of a host, faults. Out: bytes of the servos, each at its time on the wire. May import as `sim`.
+"""

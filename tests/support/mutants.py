@@ -27,7 +27,7 @@ import yaml
 ROOT = Path(__file__).resolve().parents[2]
 LIST = ROOT / "tests" / "mutants.yaml"
 LEFT_OUT = (".*", "out", "target", "wheels", "__pycache__", "node_modules")
-"""What is not copied."""
+"""Folders that are not copied."""
 TIME_LIMIT_S = 300.0
 """For the tests of one mutant. Tests that take longer have not failed: the mutant survives."""
 PASSED, FAILED = 0, 1
@@ -91,7 +91,8 @@ def drawn(mutants: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
 
 def _is_test(root: Path, test: str) -> bool:
     path, _, name = test.partition("::")
-    return (root / path).is_file() and f"def {name.split('[')[0]}" in (root / path).read_text(encoding="utf-8")
+    function = f"def {name.split('[')[0]}(" if name else ""
+    return (root / path).is_file() and function in (root / path).read_text(encoding="utf-8")
 
 
 def _changes(text: str) -> Iterator[tuple[int, str, str]]:
@@ -195,22 +196,22 @@ def main() -> int:
     parser.add_argument("--only", default="", metavar="TEXT", help="only mutants with this in their name or file")
     parser.add_argument("--random", type=int, default=0, metavar="K", help="so many random mutants instead of the list")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of random mutants")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     try:
         mutants = listed()
     except ValueError as error:
         print(error, file=sys.stderr)
         return 2
-    if asked.check:
+    if options.check:
         print(f"{len(mutants)} mutants")
         return 0
-    chosen = [mutant for mutant in mutants if asked.only in mutant.name or asked.only in mutant.file]
+    chosen = [mutant for mutant in mutants if options.only in mutant.name or options.only in mutant.file]
     if not chosen:
-        print(f"no mutant has {asked.only!r} in its name or file", file=sys.stderr)
+        print(f"no mutant has {options.only!r} in its name or file", file=sys.stderr)
         return 2
-    if asked.random:
-        print(f"seed {asked.seed}")
-        chosen = drawn(chosen, asked.random, asked.seed)
+    if options.random:
+        print(f"seed {options.seed}")
+        chosen = drawn(chosen, options.random, options.seed)
     with copied() as copy:
         tests = sorted({test for mutant in chosen for test in mutant.tests})
         code, output = run_tests(copy, tests, keeps_bytecode=True, seconds=4.0 * TIME_LIMIT_S)
@@ -219,7 +220,7 @@ def main() -> int:
             return 1
         left = survivors(copy, chosen)
     print(f"{len(chosen)} mutants, {len(left)} of them not caught", *left, sep="\n   ")
-    return 1 if left and not asked.random else 0
+    return 1 if left and not options.random else 0
 
 
 if __name__ == "__main__":

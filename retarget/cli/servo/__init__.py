@@ -1,4 +1,7 @@
-"""`retarget servo COMMAND`: work with servos outside a run. A module has the function of its command."""
+"""`retarget servo COMMAND`: work with servos outside a run. A module has the function of its command.
+
+In: options, servos on a port. Out: settings, calibrations and tables on the terminal. May import as `retarget.cli`.
+"""
 
 COMMANDS = {
     "scan": "Find every servo on a port.",
