@@ -15,6 +15,7 @@ TIMINGS = {
     "retarget_us": "CPU time of the robot stage",
     "bus.cycle_ms": "wall clock of a tick's look at the servos",
     "physics.realtime_factor": "wall clock of the simulation",
+    "latency_ms": "it counts what the stages took to compute",
 }
 """Keys of a report that are not compared, and why: they measure the machine, not the robot."""
 MESSAGES = {
