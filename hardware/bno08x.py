@@ -76,7 +76,7 @@ class RvcDecoder:
 
 
 def frame_of(data: bytes) -> RvcFrame | None:
-    """Return the frame in 19 bytes; None if damaged, or with impossible angles."""
+    """The frame in 19 bytes; None if damaged, or with impossible angles."""
     if not data.startswith(HEADER) or sum(data[len(HEADER) : -1]) % 256 != data[-1]:
         return None
     number, yaw, pitch, roll, x, y, z, _ = _BODY.unpack_from(data, len(HEADER))
@@ -86,7 +86,7 @@ def frame_of(data: bytes) -> RvcFrame | None:
 
 
 def encoded(frame: RvcFrame) -> bytes:
-    """Return the bytes of a frame."""
+    """The bytes of a frame."""
     body = _BODY.pack(frame.number, *frame.angles, *frame.acceleration, 0)[:-1]
     return HEADER + body + bytes((sum(body) % 256,))
 

@@ -22,7 +22,7 @@ class ServoAlert(IntFlag):
 
 
 def alert_names(bits: int, meanings: Mapping[ServoAlert, str] | None = None) -> list[str]:
-    """Return the names of the alert bits, with meanings if given."""
+    """The names of the alert bits, with meanings if given."""
     names = [
         f"{alert.name}" + (f" ({meanings[alert]})" if meanings is not None else "")
         for alert in ServoAlert

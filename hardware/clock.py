@@ -9,13 +9,13 @@ class Clock(Protocol):
     """Monotonic seconds, provided by the caller."""
 
     def now(self) -> float:
-        """Return the time, s, from an arbitrary fixed origin."""
+        """The time, s, from an arbitrary fixed origin."""
 
     def sleep_until(self, deadline: float) -> None:
         """Return at `deadline`, s."""
 
     def idle(self) -> float:
-        """Return the time, s, during which this process used no processor."""
+        """The time, s, during which this process used no processor."""
 
 
 class MonotonicClock:
@@ -52,7 +52,7 @@ class VirtualClock:
         self._now = max(self._now, deadline)
 
     def idle(self) -> float:
-        """Return the time, s, that did not pass by `advance`."""
+        """The time, s, that did not pass by `advance`."""
         return self._now - self._busy
 
     def advance(self, seconds: float) -> None:
@@ -79,19 +79,19 @@ class PacedClock(VirtualClock):
 
 
 def today() -> str:
-    """Return the local date, as 2026-12-31."""
+    """The local date, as 2026-12-31."""
     return time.strftime("%Y-%m-%d")
 
 
 def wall_to_monotonic() -> int:
-    """Return the offset, ns, from wall-clock to monotonic time."""
+    """The offset, ns, from wall-clock to monotonic time."""
     before = time.monotonic_ns()
     wall = time.time_ns()
     return (before + time.monotonic_ns()) // 2 - wall
 
 
 def thread_cpu() -> float:
-    """Return the CPU time of the calling thread, s."""
+    """The CPU time of the calling thread, s."""
     return time.thread_time()
 
 

@@ -77,7 +77,7 @@ class Torque(Enum):
 
 
 def text_of(error: BaseException) -> str:
-    """Return an exception as a reason. A LookupError is named, since its text is a bare key."""
+    """An exception as a reason. A LookupError is named, since its text is a bare key."""
     text, kind = str(error).rstrip("."), type(error).__name__
     return f"{kind}: {text}" if text and isinstance(error, LookupError) else text or kind
 
@@ -114,7 +114,7 @@ class Guard:
         return self.stop is None or self.stop.is_bearable
 
     def present(self) -> FloatArray:
-        """Return the present posture, rad (n,), before arming.
+        """The present posture, rad (n,), before arming.
 
         Raises GuardError when torque is on, or with all servos that are not well; BusError when the bus fails.
         """
@@ -255,7 +255,7 @@ class Guard:
             raise
 
     def ticks_of(self, goal: CheckedGoal) -> TickArray:
-        """Return the ticks (n,) of a goal. A lost servo keeps its last goal."""
+        """The ticks (n,) of a goal. A lost servo keeps its last goal."""
         ticks = self._map.to_ticks(goal.joints)
         if self.sent is not None and self.health.lost.any():
             ticks = np.where(self.health.lost, self.sent, ticks)

@@ -65,7 +65,7 @@ class HeatForecast:
 
 
 def time_left(temperature: float, rate: float, warns_at: float) -> float:
-    """Return the time, s, until a servo that warms at `rate`, K/s, reaches `warns_at`."""
+    """The time, s, until a servo that warms at `rate`, K/s, reaches `warns_at`."""
     if temperature >= warns_at:
         return 0.0
     end = temperature + THERMAL_S * rate

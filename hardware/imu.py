@@ -144,7 +144,7 @@ class ImuTracker:
         self._last, self._time = reading, time
 
     def sample(self, now: float) -> ImuSample:
-        """Return the newest sample, as of `now`, s."""
+        """The newest sample, as of `now`, s."""
         age = max(now - self._time, 0.0)
         self.fault = None
         if age > FRESH:
@@ -165,7 +165,7 @@ class ImuTracker:
 
 
 def product(a: Quat, b: Quat) -> Quat:
-    """Return the quaternion product a * b, wxyz: the rotation `b` followed by `a`."""
+    """The quaternion product a * b, wxyz: the rotation `b` followed by `a`."""
     (p, q, r, s), (w, x, y, z) = a, b
     return (
         p * w - q * x - r * y - s * z,
@@ -176,18 +176,18 @@ def product(a: Quat, b: Quat) -> Quat:
 
 
 def rotated(q: Quat, v: Vector) -> Vector:
-    """Return a vector rotated by a quaternion, wxyz."""
+    """A vector rotated by a quaternion, wxyz."""
     w, x, y, z = q
     _, a, b, c = product(product(q, (0.0, *v)), (w, -x, -y, -z))
     return a, b, c
 
 
 def sum_of_products(a: Quat, b: Quat) -> float:
-    """Return the cosine of half the angle between two unit quaternions."""
+    """The cosine of half the angle between two unit quaternions."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
 def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Quat:
-    """Return the rotation, wxyz, by yaw about z, then pitch about y, then roll about x, rad."""
+    """The rotation, wxyz, by yaw about z, then pitch about y, then roll about x, rad."""
     (a, x), (b, y), (c, z) = ((math.cos(0.5 * one), math.sin(0.5 * one)) for one in (roll, pitch, yaw))
     return product(product((c, 0.0, 0.0, z), (b, 0.0, y, 0.0)), (a, x, 0.0, 0.0))

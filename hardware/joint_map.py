@@ -59,14 +59,14 @@ class CoupledPair:
         return np.where(over, np.rint(self.exact_ticks(moved)), ticks)
 
     def tick_ends(self, *, slack: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Return the lowest and highest shaft ticks, (2,) each, over all joint angles within the limits and `slack`
+        """The lowest and highest shaft ticks, (2,) each, over all joint angles within the limits and `slack`
         rad."""
         corners = np.array([[low, high] for low in (0, 1) for high in (0, 1)])
         ends = self.exact_ticks(np.where(corners, self._upper + slack, self._lower - slack))
         return ends.min(axis=0), ends.max(axis=0)
 
     def fastest_shafts(self, max_velocity: FloatArray) -> FloatArray:
-        """Return the highest shaft speeds (2,) for joint speeds `max_velocity` (2,), rad/s."""
+        """The highest shaft speeds (2,) for joint speeds `max_velocity` (2,), rad/s."""
         return _combined(max_velocity, np.abs(self._back))
 
 
@@ -76,7 +76,7 @@ def _combined(pairs: FloatArray, matrix: FloatArray) -> FloatArray:
 
 
 def coupling_problems(servos: Sequence[ServoSpec]) -> list[str]:
-    """Return the findings about the couplings of `servos`."""
+    """The findings about the couplings of `servos`."""
     by_joint = {servo.joint: servo for servo in servos}
     found: list[str] = []
     for coupling in dict.fromkeys(servo.coupling for servo in servos if servo.coupling is not None):
@@ -200,7 +200,7 @@ class JointMap:
         return self._joints(shafts) if self._pairs else shafts
 
     def turned(self, ticks: TickArray | FloatArray) -> FloatArray:
-        """Return the turn of the joints (..., n), rad, by `ticks` (..., n) of the shafts."""
+        """The turn of the joints (..., n), rad, by `ticks` (..., n) of the shafts."""
         shafts: FloatArray = ticks / self._scale
         return self._joints(shafts) if self._pairs else shafts
 
@@ -210,7 +210,7 @@ class JointMap:
         return self._joints(shafts) if self._pairs else shafts
 
     def tick_limits(self, *, slack: float = 0.0) -> tuple[TickArray, TickArray]:
-        """Return the first and last whole tick (n,) within the joint limits and `slack` rad, never beyond the
+        """The first and last whole tick (n,) within the joint limits and `slack` rad, never beyond the
         travel."""
         ends = np.stack(
             [self._zero + self._scale * (self.lower - slack), self._zero + self._scale * (self.upper + slack)]
@@ -223,14 +223,14 @@ class JointMap:
         return first, last
 
     def zeros(self, ticks: TickArray, positions: FloatArray) -> TickArray:
-        """Return the zero ticks (n,) for which shaft `ticks` (n,) are joint `positions` (n,), rad."""
+        """The zero ticks (n,) for which shaft `ticks` (n,) are joint `positions` (n,), rad."""
         exact = self._zero + self._scale * positions
         for pair in self._pairs:
             exact[pair.columns] = pair.exact_ticks(positions[pair.columns])
         return np.rint(ticks - (exact - self._zero)).astype(np.int64)
 
     def known_joints(self, valid: BoolArray) -> BoolArray:
-        """Return the mask (n,) of joints known from the servos `valid` (n,). A coupled joint needs both."""
+        """The mask (n,) of joints known from the servos `valid` (n,). A coupled joint needs both."""
         known = valid.copy()
         for pair in self._pairs:
             known[pair.columns] = valid[pair.columns].all()
@@ -274,7 +274,7 @@ LIMIT_SLACK = 0.05
 def resolve_turns(
     joint_map: JointMap, ticks: TickArray, *, groups: Sequence[Sequence[int]] | None = None, slack: float = LIMIT_SLACK
 ) -> TickArray:
-    """Return the offset (n,), in whole turns, of every reported tick (n,).
+    """The offset (n,), in whole turns, of every reported tick (n,).
 
     After power-up a servo of many turns reports a position within one. The turn must put the joint within its limits
     and `slack` rad. Raises HardwareError with all joints for which not exactly one turn does. groups: of `turn_groups`;
@@ -314,7 +314,7 @@ def resolve_turns(
 
 
 def turn_groups(joint_map: JointMap) -> list[list[int]]:
-    """Return the columns of servos of many turns, coupled pairs together."""
+    """The columns of servos of many turns, coupled pairs together."""
     column = {joint: index for index, joint in enumerate(joint_map.joints)}
     groups: dict[tuple[int, ...], None] = {}
     for index, servo in enumerate(joint_map.servos):

@@ -36,7 +36,7 @@ class DriveNumbers:
     source: str
 
     def stall_torque(self, voltage: float) -> float:
-        """Return the stall torque, N m, at full drive and `voltage` V."""
+        """The stall torque, N m, at full drive and `voltage` V."""
         return self.torque_constant * voltage / self.resistance
 
     @property
@@ -68,7 +68,7 @@ def _identified() -> dict[str, _Identified]:
 
 
 def drive_numbers(model: ServoModel) -> DriveNumbers:
-    """Return the numbers of a model."""
+    """The numbers of a model."""
     known = _identified().get(model.name)
     if known is None:
         share = model.stall_torque

@@ -48,7 +48,7 @@ class ServoCoupling:
         return float(np.linalg.cond(self.matrix))
 
     def problems(self) -> tuple[str, ...]:
-        """Return the findings about the coupling."""
+        """The findings about the coupling."""
         found: list[str] = []
         here = f"coupling of {self.joints[0]} and {self.joints[1]}"
         if self.joints[0] == self.joints[1]:
@@ -93,7 +93,7 @@ class ServoStiffness:
     highest: float
 
     def scaled(self, factor: float) -> "ServoStiffness":
-        """Return the stiffness at `factor` times the P gain."""
+        """The stiffness at `factor` times the P gain."""
         return ServoStiffness(factor * self.nominal, factor * self.lowest, factor * self.highest)
 
 
@@ -114,7 +114,7 @@ DEFAULT_P_GAINS = {Layout.X: DEFAULT_P_GAIN, Layout.OLDER: 32}
 
 
 def full_drive_error(gain: float) -> float:
-    """Return the shaft's error, rad, at which a P `gain` (counts of the X series) gives full drive. The gain acts on
+    """The shaft's error, rad, at which a P `gain` (counts of the X series) gives full drive. The gain acts on
     4096 ticks per turn for all encoders."""
     return FULL_PWM * GAIN_UNIT / gain * (2.0 * math.pi / 4096.0)
 
@@ -126,7 +126,7 @@ FIRM = 21.1 / 18.9
 
 
 def estimated_stiffness(torque: float) -> ServoStiffness:
-    """Return the stiffness at the default P gain for a stall torque, N m.
+    """The stiffness at the default P gain for a stall torque, N m.
 
     By the e-Manual, drive is gain x error, and full drive gives the stall torque. The range spans public
     identifications, which differ by a factor of four. `retarget servo stiffness` measures it.
@@ -156,7 +156,7 @@ class ServoModel:
     layout: Layout = Layout.X
 
     def layout_in(self, protocol: int) -> Layout:
-        """Return the layout with a protocol."""
+        """The layout with a protocol."""
         return Layout.OLDER if protocol == 1 else self.layout
 
     @property
@@ -197,7 +197,7 @@ SERVO_MODELS = _read_models()
 
 
 def find_model(name: str) -> ServoModel:
-    """Return a model, with or without the suffix of its connector. Raises HardwareError."""
+    """A model, with or without the suffix of its connector. Raises HardwareError."""
     model = SERVO_MODELS.get(name) or SERVO_MODELS.get(name.removesuffix("-T").removesuffix("-R"))
     if model is None:
         known = ", ".join(SERVO_MODELS)
@@ -267,7 +267,7 @@ class ServoSpec:
         return MULTI_TURN_REACH if self.mode.many_turns else self.model.ticks - 1 + min(0, self.homing_offset)
 
     def problems(self) -> tuple[str, ...]:
-        """Return the reasons why this servo cannot be driven. `hardware.joint_map` checks the limits of coupled
+        """The reasons why this servo cannot be driven. `hardware.joint_map` checks the limits of coupled
         ones."""
         found: list[str] = []
         numbers = (self.lower, self.upper, self.max_velocity, self.max_acceleration, self.gear)
@@ -317,7 +317,7 @@ class ServoSpec:
 
 
 def loop_lag(servo: ServoSpec) -> float:
-    """Return the time constant of the position loop, s: drive = gain x error, full drive = no-load speed.
+    """The time constant of the position loop, s: drive = gain x error, full drive = no-load speed.
 
     Source: e-Manual, Position PID Gain (84, unit 1/128; MX with protocol 1: 28), Goal PWM (100, full at 885).
     """
@@ -325,12 +325,12 @@ def loop_lag(servo: ServoSpec) -> float:
 
 
 def loop_stiffness(servo: ServoSpec) -> float:
-    """Return the torque per angle, N m/rad, that holds the shaft at its goal, at its model's voltage."""
+    """The torque per angle, N m/rad, that holds the shaft at its goal, at its model's voltage."""
     return servo.model.stiffness.nominal * p_gain(servo) / DEFAULT_P_GAIN
 
 
 def integral_rate(servo: ServoSpec) -> float:
-    """Return the share of the error that the I gain adds to the P term per second, 1/s.
+    """The share of the error that the I gain adds to the P term per second, 1/s.
 
     Source: e-Manual, Position PID Gain (82, unit 1/65536 per ms; MX with protocol 1: 27, 1/2048).
     """
@@ -341,11 +341,11 @@ def integral_rate(servo: ServoSpec) -> float:
 
 
 def p_gain(servo: ServoSpec) -> float:
-    """Return the P gain or its default, in counts of the X series."""
+    """The P gain or its default, in counts of the X series."""
     usual = DEFAULT_P_GAINS[servo.model.layout_in(servo.protocol)]
     return DEFAULT_P_GAIN * (servo.gains.position_p or usual) / usual
 
 
 def lag_of_gain(model: ServoModel, gain: float) -> float:
-    """Return the time constant, s, with a P `gain` (counts of the X series)."""
+    """The time constant, s, with a P `gain` (counts of the X series)."""
     return full_drive_error(gain) / model.no_load_speed

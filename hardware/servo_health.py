@@ -45,14 +45,14 @@ class Watched:
     quantity: str = ""
 
     def in_words(self, value: float) -> str:
-        """Return a value in words."""
+        """A value in words."""
         if self.cause is StopCause.SERVO_ALERT:
             return "+".join(alert_names(int(value)))
         return self.value.format(value)
 
 
 def watched(limits: GuardLimits) -> tuple[Watched, ...]:
-    """Return the watched quantities, in the order of `WatchedRow`."""
+    """The watched quantities, in the order of `WatchedRow`."""
 
     def eased(level: float) -> float:
         return EASE * level if np.isfinite(level) else 0.0
@@ -160,7 +160,7 @@ class ServoLevels:
         """Values beyond their bounds."""
 
     def beyond(self, seen: FloatArray, now: float) -> BoolArray:
-        """Return the mask (rows, n) of values beyond their bounds for their whole debounce time at `now`, s."""
+        """The mask (rows, n) of values beyond their bounds for their whole debounce time at `now`, s."""
         out: BoolArray = (seen < self.least) | (seen > self.most)
         self.count = int(np.count_nonzero(out))
         if not self.count:
@@ -189,7 +189,7 @@ class ExpectedRange:
         self._at = None
 
     def error(self, time: float, goal: TickArray, position: TickArray) -> FloatArray:
-        """Return the distance (n,), ticks, of `position` from the range of goals held until `time`, s."""
+        """The distance (n,), ticks, of `position` from the range of goals held until `time`, s."""
         end, here = goal.astype(np.float64), position.astype(np.float64)
         if self._at is None:
             self._at = end
@@ -265,7 +265,7 @@ class ServoWarnings:
         self._news = [*self._news, text][-MOST_NEWS:]
 
     def take_news(self) -> list[str]:
-        """Return the warnings that began or ended since the last call."""
+        """The warnings that began or ended since the last call."""
         news, self._news = self._news, []
         return news
 
@@ -309,7 +309,7 @@ class BusHealth:
         return 1.0 - self._silent / max(self._cycles, 1)
 
     def silence(self, states: ServoStates) -> ServoFault | None:
-        """Return a fault while a bus is silent: hold, then torque off after max_silence, in the second silent cycle at
+        """A fault while a bus is silent: hold, then torque off after max_silence, in the second silent cycle at
         the earliest, since the host may be late."""
         age, name = self.quietest(states)
         first, self._silent_since = self._silent_since, inf if age == 0.0 else min(self._silent_since, states.time)
@@ -326,7 +326,7 @@ class BusHealth:
         return ServoFault(StopCategory.TORQUE_OFF if lost else StopCategory.HOLD, StopCause.BUS_SILENT, reason)
 
     def error_rate(self, states: ServoStates) -> ServoFault | None:
-        """Return the fault of a bus with too many damaged answers, or None."""
+        """The fault of a bus with too many damaged answers, or None."""
         if states.error_rate < HIGHEST_ERROR_RATE:
             return None
         share = f"in {states.error_rate:.0%} of the cycles of late"
@@ -334,7 +334,7 @@ class BusHealth:
         return ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.BUS, reason)
 
     def quietest(self, states: ServoStates, buses: Collection[str] | None = None) -> tuple[float, str]:
-        """Return the longest time, s, since the last answer from a whole bus, and its name; 0 if all answer. buses:
+        """The longest time, s, since the last answer from a whole bus, and its name; 0 if all answer. buses:
         those that count; None: all."""
         if states.complete:
             return 0.0, ""
@@ -377,7 +377,7 @@ class ServoHealth:
         self._limited = np.isfinite(self._levels.least) | np.isfinite(self._levels.most)
 
     def check(self, states: ServoStates, sent: TickArray | None, held: FloatArray | None = None) -> ServoFault | None:
-        """Return the gravest fault for which the robot must stop or hold, or None. sent (n,): goal ticks of the last
+        """The gravest fault for which the robot must stop or hold, or None. sent (n,): goal ticks of the last
         tick. held (n,): rad, expected under load; None: the goals."""
         if self._heat.look(states.time, states.temperature):
             first = self._heat.soonest
@@ -432,7 +432,7 @@ class ServoHealth:
             )
 
     def _aimed(self, sent: TickArray, held: FloatArray) -> TickArray:
-        """Return the ticks (n,) of `held`, or `sent` if both agree within a tick."""
+        """The ticks (n,) of `held`, or `sent` if both agree within a tick."""
         if (np.abs(self._joint_map.to_radians(sent) - held) <= self._joint_map.tick_rad).all():
             return sent
         try:

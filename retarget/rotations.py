@@ -241,13 +241,13 @@ NO_TURN: Quat = (1.0, 0.0, 0.0, 0.0)
 
 
 def as_vector(array: FloatArray) -> Vector:
-    """Return an array (3,) as a vector."""
+    """An array (3,) as a vector."""
     x, y, z = array.tolist()
     return x, y, z
 
 
 def as_quat(array: FloatArray) -> Quat:
-    """Return an array (4,) as a quaternion."""
+    """An array (4,) as a quaternion."""
     w, x, y, z = array.tolist()
     return w, x, y, z
 

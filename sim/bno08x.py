@@ -73,7 +73,7 @@ class EmulatedBno08x:
 
 
 def frame_of(reading: ImuReading, index: int) -> RvcFrame:
-    """Return the frame of a reading with an orientation, clipped to its range."""
+    """The frame of a reading with an orientation, clipped to its range."""
     assert reading.orientation is not None, "the sensor has one"
     roll, pitch, yaw = (round(100.0 * math.degrees(one)) for one in roll_pitch_yaw(reading.orientation))
     x, y, z = (min(max(round(1e3 * one / STANDARD_GRAVITY), -0x8000), 0x7FFF) for one in reading.acceleration)

@@ -79,7 +79,7 @@ def imu_stand_in(imu: ImuSpec, simulation: Simulation | None, *, seed: int = 0) 
 def motion_of_shafts(
     robot: RobotBody, lines: Mapping[str, Line], start: TickArray, clock: Clock
 ) -> Callable[[], ImuTruth]:
-    """Return the motion of the IMU's link on a robot without mass whose emulated servos began at `start`, ticks
+    """The motion of the IMU's link on a robot without mass whose emulated servos began at `start`, ticks
     (n,)."""
     shafts = [one.shaft for one in servos_on(lines, robot.joint_map.servos)]
     offset = start - np.array([shaft.position for shaft in shafts])

@@ -68,7 +68,7 @@ class PlantedMotion:
         self._time, self._before = clock.now(), LEVEL
 
     def __call__(self) -> ImuTruth:
-        """Return the present motion. The angular velocity is the mean since the last call."""
+        """The present motion. The angular velocity is the mean since the last call."""
         q, now = self._q.copy(), self._clock.now()
         q[self._robot.servo_columns] = self._joints()
         plant_root(self._robot, self._q, q)
@@ -137,7 +137,7 @@ class ImuStandIn:
         self._last: ImuReading | None = None
 
     def measure(self, now: float) -> ImuReading | None:
-        """Return the reading at `now`, s, along its own axes; None: nothing new."""
+        """The reading at `now`, s, along its own axes; None: nothing new."""
         self._moved.append((now, self.motion()))
         while len(self._moved) > 1 and self._moved[1][0] <= now - self._errors.delay:
             self._moved.popleft()
@@ -168,7 +168,7 @@ class ImuStandIn:
 
 
 def sample_of(truth: ImuTruth, now: float) -> ImuSample:
-    """Return the sample of a sensor without errors at `now`, s."""
+    """The sample of a sensor without errors at `now`, s."""
     turn, force = np.array(truth.angular_velocity), np.array(truth.acceleration)
     return ImuSample(now, np.array(truth.orientation), turn, force, True, 0.0)
 
@@ -180,7 +180,7 @@ class SensedMotion:
         self._tracker, self._sensor = ImuTracker(spec), sensor
 
     def sample(self, now: float) -> ImuSample:
-        """Return the sample at `now`, s."""
+        """The sample at `now`, s."""
         reading = self._sensor.measure(now)
         if reading is not None:
             self._tracker.take(reading, now)

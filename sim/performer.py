@@ -162,7 +162,7 @@ def _performer(
     source: str,
     feet: dict[float, FloatArray] | None = None,
 ) -> SensorFrames:
-    """Return the frames of a body with the values (T,) of `_PATHS` at times (T,) s. feet: displacement (T, 3) m of the
+    """The frames of a body with the values (T,) of `_PATHS` at times (T,) s. feet: displacement (T, 3) m of the
     left foot (1) and the right foot (-1)."""
     tree = upper_body()
     pose = _upper_pose(tree, paths)
@@ -201,7 +201,7 @@ def minimum_jerk(time: FloatArray, key_times: FloatArray, key_values: FloatArray
 
 
 def _paths(time: FloatArray, generator: np.random.Generator) -> dict[str, FloatArray]:
-    """Return the values (T,) of every quantity of `_PATHS`."""
+    """The values (T,) of every quantity of `_PATHS`."""
     crouch_times = FIRST_CROUCH_S + CYCLE_S * np.arange(CYCLES) + generator.uniform(-0.03, 0.03, CYCLES)
     reach_times = crouch_times + CROUCH_TO_REACH_S + generator.uniform(-0.03, 0.03, CYCLES)
     heights = generator.uniform(*CROUCH_HEIGHT, CYCLES)
@@ -236,7 +236,7 @@ def upper_body() -> JointTree:
 
 
 def _upper_pose(tree: JointTree, paths: dict[str, FloatArray]) -> JointPoses:
-    """Return the poses of trunk and arms. Positive pitch bends forward (about y), positive twist turns left (z)."""
+    """The poses of trunk and arms. Positive pitch bends forward (about y), positive twist turns left (z)."""
     frames = len(paths["height"])
     angle = {name: np.radians(path) for name, path in paths.items() if name not in ("height", "forward", "sway")}
     zero = np.zeros(frames)
@@ -286,13 +286,13 @@ def leg(
 
 
 def _segment(bottom: FloatArray, top: FloatArray, left: FloatArray) -> FloatArray:
-    """Return the orientation (T, 4) of a segment with z from bottom to top and y along the unit vector `left`."""
+    """The orientation (T, 4) of a segment with z from bottom to top and y along the unit vector `left`."""
     up = (top - bottom) / norms(top - bottom)[:, None]
     return rotations.from_matrix(np.stack([np.cross(left, up), left, up], axis=-1))
 
 
 def rest_skeleton(tree: JointTree, names: tuple[str, ...]) -> Skeleton:
-    """Return the T-pose with straight legs."""
+    """The T-pose with straight legs."""
     rest = dict(zip(tree.names, tree.rest_positions(), strict=True))
     for side, sign in (("l", 1.0), ("r", -1.0)):
         mirror = np.array([1.0, sign, 1.0])

@@ -75,7 +75,7 @@ class CyclicImu:
                     raise
 
     def sample(self, now: float, *, request: bool = True) -> ImuSample:
-        """Return the newest measurement at the end of a cycle that began at `now`, s. request: request a new one and
+        """The newest measurement at the end of a cycle that began at `now`, s. request: request a new one and
         wait."""
         if request:
             self._late = False
@@ -388,7 +388,7 @@ class BusWatch:
         return sum(line.cyclic.errors.retries for line in self._lines)
 
     def times(self) -> tuple[float, float]:
-        """Return the median and 99th percentile of the cycle times, s."""
+        """The median and 99th percentile of the cycle times, s."""
         low, high = np.percentile(self._times, (50, 99)) if self._times else (np.nan, np.nan)
         return float(low), float(high)
 

@@ -19,7 +19,7 @@ class Span(NamedTuple):
 
 
 def needed_ticks(joint_map: JointMap) -> dict[str, Span]:
-    """Return the goal ticks within the joints' limits, by joint. A servo ignores goals beyond its own limits."""
+    """The goal ticks within the joints' limits, by joint. A servo ignores goals beyond its own limits."""
     first, last = joint_map.tick_limits()
     spans = map(Span, first.tolist(), last.tolist())
     return dict(zip(joint_map.joints, spans, strict=True))
@@ -53,7 +53,7 @@ def alert_text(bits: int) -> str:
 
 
 def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) -> list[str]:
-    """Return the reasons why this servo cannot be driven, one text each. needed: see `needed_ticks`."""
+    """The reasons why this servo cannot be driven, one text each. needed: see `needed_ticks`."""
     found, table = [], image.table
     volts = image.value(names_of(table).voltage) / 10
     low, high = image.value("min_voltage_limit") / 10, image.value("max_voltage_limit") / 10
@@ -87,7 +87,7 @@ def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) 
 
 
 def profile_values(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) -> dict[str, int]:
-    """Return the counts, by EEPROM register, that the profile requires, without id, speed and return delay. needed: see
+    """The counts, by EEPROM register, that the profile requires, without id, speed and return delay. needed: see
     `needed_ticks`."""
     named = {one.register.name: one.value for one in eeprom_settings(servo, bus, image.table)}
     values = {name: value for name, value in named.items() if name not in OWN_OPTION}

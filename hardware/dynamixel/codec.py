@@ -98,7 +98,7 @@ class Codec(ABC):
 
     @abstractmethod
     def frame(self, device: int, code: int, params: bytes = b"") -> bytes:
-        """Return a whole frame. code: the instruction."""
+        """A whole frame. code: the instruction."""
 
     def ping(self, device: int) -> bytes:
         """Ping. All 2.0 devices answer a broadcast, in order of their ids."""
@@ -148,7 +148,7 @@ class Protocol1(Codec):
     WIDTH, MOST_MEMBERS = 1, MAX_ID + 1
 
     def frame(self, device: int, code: int, params: bytes = b"") -> bytes:
-        """Return a whole frame. code: the instruction, or the error byte of a status."""
+        """A whole frame. code: the instruction, or the error byte of a status."""
         if not 0 <= device <= BROADCAST:
             raise ValueError(f"id {device}; allowed: 0 to 253, and 254 for all")
         if len(params) > self.MAX_PARAMS:
@@ -161,7 +161,7 @@ class Protocol1(Codec):
         return self.frame(device, error, data)
 
     def status_of(self, received: WireFrame) -> Status | None:
-        """Return a frame as a status, which 1.0 does not mark."""
+        """A frame as a status, which 1.0 does not mark."""
         return Status(received.id, received.code, received.params)
 
     def bulk_read(self, items: Iterable[tuple[int, int, int]]) -> bytes:
@@ -199,7 +199,7 @@ class Protocol2(Codec):
         return body.replace(self.STUFFED, self.PATTERN) if self.STUFFED in body else body
 
     def frame(self, device: int, code: int, params: bytes = b"") -> bytes:
-        """Return a whole frame. code: the instruction."""
+        """A whole frame. code: the instruction."""
         if not 0 <= device <= BROADCAST or device == 0xFD:
             raise ValueError(f"id {device}; allowed: 0 to 252, and 254 for all")
         body = self.stuff(bytes((code,)) + params)
@@ -210,11 +210,11 @@ class Protocol2(Codec):
         return out + umts(out, 0).to_bytes(2, "little")
 
     def status(self, device: int, error: int = 0, data: bytes = b"") -> bytes:
-        """Return the status frame of a device."""
+        """The status frame of a device."""
         return self.frame(device, STATUS, bytes((error,)) + data)
 
     def status_of(self, received: WireFrame) -> Status | None:
-        """Return a status; None for an instruction or a fast reply."""
+        """A status; None for an instruction or a fast reply."""
         if received.code != STATUS or not received.params or received.id == BROADCAST:
             return None
         return Status(received.id, received.params[0], received.params[1:])
@@ -225,7 +225,7 @@ class Protocol2(Codec):
         return self.frame(BROADCAST, code, self.number(address) + self.number(length) + self.members(ids))
 
     def parser(self) -> "Parser":
-        """Return a parser."""
+        """A parser."""
         return Parser(_scan2)
 
 
@@ -264,7 +264,7 @@ class Parser:
         self.pending, self._clear = b"", 0
 
     def feed(self, data: bytes | bytearray) -> list[WireFrame]:
-        """Return the frames that `data` completes."""
+        """The frames that `data` completes."""
         buffer = self.pending + data
         frames, used, at, self._clear = self._scan(buffer, self._clear)
         self.skipped += at - used
@@ -272,7 +272,7 @@ class Parser:
         return frames
 
     def flush(self) -> list[WireFrame]:
-        """Return the frames inside an unfinished one once the line is silent."""
+        """The frames inside an unfinished one once the line is silent."""
         frames: list[WireFrame] = []
         while self.pending:
             behind = self.pending[1:]
@@ -360,7 +360,7 @@ PART_OVERHEAD = 4
 
 
 def fast_length(sizes: Sequence[int]) -> int:
-    """Return the length of a fast reply for these data bytes per part."""
+    """The length of a fast reply for these data bytes per part."""
     return BEFORE_PARTS + sum(sizes) + PART_OVERHEAD * len(sizes)
 
 
@@ -371,7 +371,7 @@ def fast_start(sizes: Sequence[int]) -> bytes:
 
 
 def valid_parts(reply: bytes, sizes: Sequence[int]) -> list[Status]:
-    """Return the parts of a fast reply, from its header on, up to the first incomplete or damaged one. sizes: data
+    """The parts of a fast reply, from its header on, up to the first incomplete or damaged one. sizes: data
     bytes per part.
 
     Each part's CRC covers everything before it, earlier CRCs included (e-Manual, Fast Sync Read).
@@ -435,7 +435,7 @@ class _Layout(NamedTuple):
 
 
 def whole_reply(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None:
-    """Return the answers of all `ids` to a Fast Sync Read of `size` bytes; None if incomplete, damaged or refused. See
+    """The answers of all `ids` to a Fast Sync Read of `size` bytes; None if incomplete, damaged or refused. See
     `valid_parts`."""
     length, unpack, begins, summed = _layout(ids, size)
     if len(reply) != length:

@@ -52,7 +52,7 @@ class Register:
         return (1 << (8 * self.size - self.signed)) - 1
 
     def decode(self, data: bytes) -> int:
-        """Return the counts in `data`. Raises ValueError for another length."""
+        """The counts in `data`. Raises ValueError for another length."""
         if len(data) != self.size:
             raise ValueError(f"{self.name} has {self.size} bytes, not {len(data)}")
         if self.bits:
@@ -65,7 +65,7 @@ class Register:
         return -magnitude if raw >> self.direction_bit & 1 else magnitude
 
     def encode(self, counts: int) -> bytes:
-        """Return the bytes of `counts`. Raises ValueError beyond the register's width."""
+        """The bytes of `counts`. Raises ValueError beyond the register's width."""
         if not self.narrowest <= counts <= self.widest:
             raise ValueError(f"{self.name} holds {self.narrowest} to {self.widest}, not {counts}")
         if self.bits:
@@ -181,7 +181,7 @@ def model_rows() -> tuple[ControlTable, ...]:
 
 @cache
 def layer_rows() -> dict[str, list[dict[str, str]]]:
-    """Return the rows of every layer: filled cells by column."""
+    """The rows of every layer: filled cells by column."""
     layers: dict[str, list[dict[str, str]]] = {}
     for file in ("registers.tsv", "values.tsv"):
         for row in rows_of(file):
@@ -197,7 +197,7 @@ def _rows(model: ControlTable) -> Iterator[tuple[int, int, dict[str, str]]]:
 
 
 def firmware_starts(model: ControlTable) -> tuple[int, ...]:
-    """Return the firmware versions at which the table changes, ascending from 0."""
+    """The firmware versions at which the table changes, ascending from 0."""
     starts = {0, model.fast_since or 0}
     for since, until, _ in _rows(model):
         starts |= {since, until + 1}
@@ -205,7 +205,7 @@ def firmware_starts(model: ControlTable) -> tuple[int, ...]:
 
 
 def registers_of(model: ControlTable, firmware: int) -> tuple[Register, ...]:
-    """Return the registers for `firmware`, ascending by address."""
+    """The registers for `firmware`, ascending by address."""
     merged: dict[str, dict[str, str]] = {}
     for since, until, row in _rows(model):
         if since <= firmware <= until:
@@ -242,12 +242,12 @@ def row_registers(cells: dict[str, str]) -> Iterator[Register]:
 
 
 def tables() -> tuple[ControlTable, ...]:
-    """Return the table of each model, protocol and range of firmware."""
+    """The table of each model, protocol and range of firmware."""
     return tuple(_table(row, first) for row in model_rows() for first in firmware_starts(row))
 
 
 def find_table(model: str, protocol: int, firmware: int | None = None) -> ControlTable:
-    """Return the table of a model for `firmware` (0 to 255; None: a usual one). Raises HardwareError for an unknown
+    """The table of a model for `firmware` (0 to 255; None: a usual one). Raises HardwareError for an unknown
     model or protocol."""
     name = find_model(model).name
     rows = {row.protocol: row for row in model_rows() if row.model == name}
@@ -263,12 +263,12 @@ def find_table(model: str, protocol: int, firmware: int | None = None) -> Contro
 
 
 def table_of_number(number: int, firmware: int | None = None) -> ControlTable | None:
-    """Return the table of the model that reports `number`, or None."""
+    """The table of the model that reports `number`, or None."""
     return next((_table_at(row, firmware) for row in model_rows() if row.number == number), None)
 
 
 def usual_table(protocol: int) -> ControlTable:
-    """Return the most common table of a protocol."""
+    """The most common table of a protocol."""
     return find_table({1: "MX-28", 2: "XM430-W350"}[protocol], protocol)
 
 
@@ -298,7 +298,7 @@ def _listed(family: str) -> dict[int, int]:
 
 
 def baud_of(table: ControlTable, code: int) -> int | None:
-    """Return the nominal bits per second of a code, or None."""
+    """The nominal bits per second of a code, or None."""
     if not table["baud_rate"].allows(code):
         return None
     listed = _listed(table.baud_family).get(code)
@@ -306,13 +306,13 @@ def baud_of(table: ControlTable, code: int) -> int | None:
 
 
 def fastest_baud(table: ControlTable) -> int:
-    """Return the highest speed of a servo with this table, bits/s."""
+    """The highest speed of a servo with this table, bits/s."""
     register = table["baud_rate"]
     return max(baud_of(table, code) or 0 for code in range((register.highest or 0) + 1))
 
 
 def code_of(table: ControlTable, baud: int) -> int | None:
-    """Return the code of `baud` bits/s within DIVIDED_TOLERANCE, or None."""
+    """The code of `baud` bits/s within DIVIDED_TOLERANCE, or None."""
     register = table["baud_rate"]
     for code, listed in _listed(table.baud_family).items():
         if listed == baud and register.allows(code):

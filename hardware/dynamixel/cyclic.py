@@ -85,7 +85,7 @@ class ReadRequest:
         return 1 if self.kind in (ReadKind.BULK1, ReadKind.SINGLE1) else 2
 
     def packet(self) -> bytes:
-        """Return the bytes to send."""
+        """The bytes to send."""
         if self.kind is ReadKind.SINGLE1:
             return protocol1.read(self.ids[0], self.address, self.size)
         if self.kind is ReadKind.BULK1:
@@ -95,14 +95,14 @@ class ReadRequest:
         return protocol2.sync_read(self.address, self.size, self.ids, fast=self.kind is ReadKind.FAST)
 
     def bytes_of(self, count: int) -> int:
-        """Return the bytes of the first `count` answers, without stuffing."""
+        """The bytes of the first `count` answers, without stuffing."""
         if self.kind is ReadKind.FAST:
             return BEFORE_PARTS + count * (self.size + PART_OVERHEAD) if count else 0
         overhead = CODECS[self.protocol].STATUS_BYTES
         return count * (overhead + self.size)
 
     def timeouts(self, port: BytePort, return_delay: float) -> Timeouts:
-        """Return the timeouts. return_delay: of each servo, s."""
+        """The timeouts. return_delay: of each servo, s."""
         sending, coming = (10 * count / port.baud for count in (len(self.packet()), self.bytes_of(len(self.ids))))
         pause = return_delay + TURNAROUND
         # An adapter may hand over an answer in one piece, when it is whole.
@@ -111,7 +111,7 @@ class ReadRequest:
         return Timeouts(sending + idle, idle, sending + coming + waits * pause + idle)
 
     def answers(self, received: bytes) -> Answers:
-        """Return the valid answers in the bytes so far, one per servo."""
+        """The valid answers in the bytes so far, one per servo."""
         if self.kind is ReadKind.FAST:
             return whole_reply(received, self.ids, self.size) or side_by_side(self._parts(received))
         found: dict[int, Status] = {}
@@ -128,7 +128,7 @@ class ReadRequest:
         return side_by_side(list(found.values()))
 
     def _parts(self, received: bytes) -> list[Status]:
-        """Return the valid parts of a fast reply in any order, since that to an earlier request may come. Every header
+        """The valid parts of a fast reply in any order, since that to an earlier request may come. Every header
         is tried: an echo or a stale answer may precede it."""
         best: list[Status] = []
         at = received.find(protocol2.HEADER)
@@ -198,12 +198,12 @@ class Block:
         return self.address, self.dtype
 
     def unpack(self, answers: Answers) -> NDArray[np.void]:
-        """Return a row (k,) of named values per answer."""
+        """A row (k,) of named values per answer."""
         return np.frombuffer(answers.data, dtype=self.dtype)
 
 
 def block_of(table: ControlTable, first: str, last: str) -> Block:
-    """Return the registers from `first` to `last`. Raises HardwareError for a missing one."""
+    """The registers from `first` to `last`. Raises HardwareError for a missing one."""
     begin, end = table[first], table[last]
     inside = [register for register in table.registers if begin.address <= register.address <= end.address]
     size = end.address + end.size - begin.address
@@ -237,7 +237,7 @@ class GoalPacket:
         self._span = self._codec.number(address) + self._codec.number(size)
 
     def packet(self, ticks: NDArray[np.int64], driven: BoolArray) -> bytes:
-        """Return the packet for goals (n,) of the whole robot, ticks, or b"". driven (n,): servos with torque."""
+        """The packet for goals (n,) of the whole robot, ticks, or b"". driven (n,): servos with torque."""
         rows = self._rows
         rows["goal"] = ticks[self._columns]
         if self._wakes:
@@ -246,7 +246,7 @@ class GoalPacket:
 
 
 def goal_packets(servos: Sequence[Wired]) -> list[GoalPacket]:
-    """Return a packet per place of a goal register."""
+    """A packet per place of a goal register."""
     places: dict[tuple[int, int, int, bool], list[Wired]] = {}
     for servo in servos:
         goal, wakes = servo.table["goal_position"], servo.table.layout is Layout.OLDER
@@ -342,7 +342,7 @@ class MissingServos:
         return device in self.first or device in self.strikes
 
     def late(self, now: float, cycle: int) -> list[int]:
-        """Return the silent servos to poll last in this cycle, the newest first, with a lost one in turn every
+        """The silent servos to poll last in this cycle, the newest first, with a lost one in turn every
         PROBE_PERIOD. now: s."""
         lost = [device for device in self._ids if self.strikes.get(device, 0) >= LOST_AFTER]
         probe = None
@@ -527,7 +527,7 @@ STATUS_REGISTERS = ("torque_enable", "hardware_error_status", "bus_watchdog")
 
 
 def kind_of(table: ControlTable) -> ReadKind:
-    """Return the instruction that reads such servos together."""
+    """The instruction that reads such servos together."""
     if table.protocol == 2:
         return ReadKind.FAST if table.fast_read else ReadKind.SYNC
     return ReadKind.BULK1 if table.model.startswith("MX") else ReadKind.SINGLE1
@@ -596,7 +596,7 @@ class BusLine:
         return f"bus {self.spec.name}"
 
     def name_of(self, device: int) -> str:
-        """Return a servo's name in messages."""
+        """A servo's name in messages."""
         return self.servos[device].label if device in self.servos else f"id {device}"
 
     def adopt(self, images: dict[int, ServoImage]) -> None:
@@ -627,7 +627,7 @@ class BusLine:
         self.cyclic.wire.post(CODECS[self.spec.protocol].sync_write(register.address, register.size, items))
 
     def read_all(self, register: Register, ids: Sequence[int]) -> dict[int, int]:
-        """Return the counts of one register by id, of those that answer."""
+        """The counts of one register by id, of those that answer."""
         found = self.read_span(register.address, register.size, ids)
         return {device: register.decode(data) for device, data in found.items()}
 

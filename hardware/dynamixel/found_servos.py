@@ -55,7 +55,7 @@ class Look:
 
 
 def servos_on(line: BusLine) -> tuple[list[FoundServo], list[str]]:
-    """Return the servos that answer on an open port, by id, and notes.
+    """The servos that answer on an open port, by id, and notes.
 
     2.0: one broadcast ping, received to its end, so that no late answer disturbs the next request. 1.0: each id is
     pinged.
@@ -121,7 +121,7 @@ def look(line: BusLine, sightings: Sequence[Sighting]) -> Look:
 
 
 def _read(line: BusLine, servo: ServoSpec, one: Sighting) -> tuple[str, ServoImage | None]:
-    """Return the fault of a servo that answered, and its registers."""
+    """The fault of a servo that answered, and its registers."""
     image, wrong = None, ""
     try:
         if one.table is None:
@@ -150,7 +150,7 @@ def _is_unknown(one: Sighting, line: BusLine) -> bool:
 
 
 def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple[BusSpec, list[Placed]]:
-    """Return a bus without a profile: the servos that answered, by id, from place `first` on. Raises BusError for
+    """A bus without a profile: the servos that answered, by id, from place `first` on. Raises BusError for
     several speeds."""
     speeds = sorted({one.speed for one in sightings})
     if len(speeds) != 1:

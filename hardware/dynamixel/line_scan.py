@@ -80,7 +80,7 @@ def all_speeds(
 
 
 def likely_speeds(speeds: Sequence[Speed]) -> list[Speed]:
-    """Return the speeds of a quick scan: the first, and the likely ones, 2.0 first."""
+    """The speeds of a quick scan: the first, and the likely ones, 2.0 first."""
     found = [speed for speed in speeds if speed == speeds[0] or speed.baud in LIKELY]
     return sorted(found, key=lambda one: (one != speeds[0], PROTOCOLS.index(one.protocol)))
 

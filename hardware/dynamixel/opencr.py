@@ -43,7 +43,7 @@ TABLE = ControlTable(  # OpenCR's own registers
 
 
 def imu_reading(data: bytes) -> ImuReading | None:
-    """Return the measurement in the 18 bytes from IMU_FIRST; None for an impossible turn or angle."""
+    """The measurement in the 18 bytes from IMU_FIRST; None for an impossible turn or angle."""
     a, b, c, x, y, z, roll, pitch, yaw = _MEASURED.unpack(data)
     if max(abs(a), abs(b), abs(c)) >= FULL_SCALE or max(abs(roll), abs(pitch), abs(yaw)) > MOST_ANGLE:
         return None

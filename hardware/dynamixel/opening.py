@@ -19,7 +19,7 @@ LOOK_TIMEOUT = 0.1
 
 
 def answer_time(port: BytePort, request: ReadRequest) -> float | None:
-    """Return the time, s, from sending to the first byte of a valid answer, without an echo; None if there was none.
+    """The time, s, from sending to the first byte of a valid answer, without an echo; None if there was none.
     The line is silent before and after."""
     port.drop()
     packet, sent = request.packet(), port.now()
@@ -37,7 +37,7 @@ def answer_time(port: BytePort, request: ReadRequest) -> float | None:
 
 
 def too_slow(port: BytePort, table: ControlTable, device: int, return_delay: float) -> str:
-    """Return the problem if even the fastest answer comes too late for a cycle, else "". return_delay: s."""
+    """The problem if even the fastest answer comes too late for a cycle, else "". return_delay: s."""
     position = table["present_position"]
     kind = ReadKind.SINGLE1 if table.protocol == 1 else ReadKind.SYNC
     request = ReadRequest(kind, (device,), position.address, position.size)

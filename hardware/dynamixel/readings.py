@@ -56,7 +56,7 @@ class Names:
 
 
 def names_of(table: ControlTable) -> Names:
-    """Return the names for a table. In the older layout a few bytes hold all values."""
+    """The names for a table. In the older layout a few bytes hold all values."""
     latches, position, last = table.has("hardware_error_status"), "present_position", "present_temperature"
     if table.layout is Layout.OLDER:
         wide, speed = (position, last), "present_speed"
@@ -154,7 +154,7 @@ class Readings:
         self._faulty = int(np.count_nonzero(self._error | self._alert))
 
     def alarmed(self) -> list[int]:
-        """Return the servos whose error is not read yet."""
+        """The servos whose error is not read yet."""
         return np.flatnonzero(self._alert == UNKNOWN_ALERT).tolist() if self._faulty else []
 
     def take_alert(self, servo: int, bits: int) -> None:
@@ -182,7 +182,7 @@ class Readings:
     def states(
         self, now: float, *, retries: int = 0, error_rate: float = 0.0, imu: ImuSample | None = None
     ) -> ServoStates:
-        """Return the states as of `now`, s."""
+        """The states as of `now`, s."""
         voltage, temperature = self.slow.values(now)
         age = np.zeros(len(self.turns))
         if not self.complete:

@@ -29,12 +29,12 @@ LOW_TIMER_MS = 1
 
 
 def timer_file(path: str, devices: Path = DEVICES) -> Path:
-    """Return the kernel's file of a port's latency timer (FTDI only)."""
+    """The kernel's file of a port's latency timer (FTDI only)."""
     return devices / Path(path).resolve().name / "latency_timer"
 
 
 def latency_timer_ms(path: str, devices: Path = DEVICES) -> int | None:
-    """Return the latency timer, ms, or None."""
+    """The latency timer, ms, or None."""
     try:
         return int(timer_file(path, devices).read_text(encoding="ascii"))
     except (OSError, ValueError):
@@ -42,7 +42,7 @@ def latency_timer_ms(path: str, devices: Path = DEVICES) -> int | None:
 
 
 def timer_command(path: str, devices: Path = DEVICES) -> str:
-    """Return the command that sets the timer to 1 ms."""
+    """The command that sets the timer to 1 ms."""
     return f"echo {LOW_TIMER_MS} | sudo tee {timer_file(path, devices)}"
 
 
@@ -63,7 +63,7 @@ TERMINAL = "a device"
 
 
 def why_not_open(path: str, baud: int, cause: Exception) -> BusError:
-    """Return the error for a port that could not be opened."""
+    """The error for a port that could not be opened."""
     number = getattr(cause, "errno", None)
     if number in _ABSENT:
         return no_such_port(path)
@@ -82,7 +82,7 @@ def why_not_open(path: str, baud: int, cause: Exception) -> BusError:
 
 
 def no_such_port(path: str) -> BusError:
-    """Return the error for a missing path."""
+    """The error for a missing path."""
     return BusError(
         "no such port",
         where=path or "an empty path",
@@ -92,7 +92,7 @@ def no_such_port(path: str) -> BusError:
 
 
 def wrong_baud(path: str, baud: int, allowed: object) -> BusError:
-    """Return the error for an impossible speed."""
+    """The error for an impossible speed."""
     return BusError("no such baud rate", where=path, found=baud, allowed=allowed)
 
 
@@ -127,7 +127,7 @@ def _is_master(device: Path, process: Path, descriptor: str, target: Path) -> bo
 
 
 def existing_ports() -> dict[str, str]:
-    """Return the serial ports of this machine, with descriptions."""
+    """The serial ports of this machine, with descriptions."""
     unknown = ("", "n/a")
     found = {port.device: port.description for port in comports()}
     return {path: "" if found[path] in unknown else found[path] for path in sorted(found)}
@@ -148,7 +148,7 @@ BY_ID = Path("/dev/serial/by-id")
 
 
 def stable_name(path: str, links: Path = BY_ID) -> str:
-    """Return the stable link to a port, if any."""
+    """The stable link to a port, if any."""
     with suppress(OSError):
         target = Path(path).resolve()
         return next((str(link) for link in sorted(links.iterdir()) if link.resolve() == target), path)
@@ -356,7 +356,7 @@ def _with_number(cause: Exception) -> Exception:
 
 
 def real_baud(fd: int) -> int | None:
-    """Return the speed that the driver reports, or None."""
+    """The speed that the driver reports, or None."""
     if not sys.platform.startswith("linux"):
         return None
     answer = array.array("I", [0] * 16)
@@ -393,7 +393,7 @@ class BytePort(Protocol):
         """Send. Returns before the bytes are on the wire."""
 
     def read(self) -> bytes:
-        """Return the bytes that have arrived, without waiting."""
+        """The bytes that have arrived, without waiting."""
 
     def wait(self, deadline: float) -> bool:
         """Sleep until bytes have arrived (True) or until `deadline`, s."""
@@ -402,7 +402,7 @@ class BytePort(Protocol):
         """Drop the input."""
 
     def now(self) -> float:
-        """Return the monotonic time, s."""
+        """The monotonic time, s."""
 
     def sleep_until(self, deadline: float) -> None:
         """Return at `deadline`, s."""

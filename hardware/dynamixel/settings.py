@@ -28,7 +28,7 @@ class ServoImage:
         return self.table.has(name) and self.table[name].end <= len(self.data)
 
     def value(self, name: str) -> int:
-        """Return a register's value, counts."""
+        """A register's value, counts."""
         register = self.table[name]
         return register.decode(self.data[register.address : register.end])
 
@@ -59,7 +59,7 @@ class Setting(NamedTuple):
 
 
 def eeprom_settings(servo: ServoSpec, bus: BusSpec, table: ControlTable) -> list[Setting]:
-    """Return the desired EEPROM values, which are writable only with torque off."""
+    """The desired EEPROM values, which are writable only with torque off."""
     values = {
         "return_delay_time": bus.return_delay_value,
         "operating_mode": MODES[servo.mode],
@@ -72,7 +72,7 @@ def eeprom_settings(servo: ServoSpec, bus: BusSpec, table: ControlTable) -> list
 
 
 def ram_settings(servo: ServoSpec, image: ServoImage) -> list[Setting]:
-    """Return the desired RAM values, which a reboot or a change of mode resets. Goals limit speed and acceleration, so
+    """The desired RAM values, which a reboot or a change of mode resets. Goals limit speed and acceleration, so
     profiles are off."""
     gains, table = servo.gains, image.table
     values: dict[str, int | None] = {
@@ -93,7 +93,7 @@ def ram_settings(servo: ServoSpec, image: ServoImage) -> list[Setting]:
 
 
 def full_drive(servo: ServoSpec, image: ServoImage) -> Setting:
-    """Return the register that limits the servo's drive, with its value in motion."""
+    """The register that limits the servo's drive, with its value in motion."""
     table = image.table
     if table.has("torque_limit"):
         return Setting(table["torque_limit"], image.value("max_torque"))
@@ -104,7 +104,7 @@ def full_drive(servo: ServoSpec, image: ServoImage) -> Setting:
 
 
 def differing(settings: list[Setting], image: ServoImage) -> list[Setting]:
-    """Return the settings that the servo does not hold yet."""
+    """The settings that the servo does not hold yet."""
     return [setting for setting in settings if image.value(setting.register.name) != setting.value]
 
 
@@ -131,7 +131,7 @@ SILENCING = "protocol_type"
 def setup_command(
     bus: BusSpec, device: int, registers: Mapping[str, int] | None = None, *, baud: int | None = None
 ) -> str:
-    """Return the command that writes these registers into a servo. baud: bits/s."""
+    """The command that writes these registers into a servo. baud: bits/s."""
     words = [f"--register {name}={value}" for name, value in (registers or {}).items()]
     if baud is not None:
         words.append(f"--baud {baud}")
@@ -149,7 +149,7 @@ class SetupRequest:
 
 
 def settings_of(table: ControlTable, request: SetupRequest) -> list[Setting]:
-    """Return the requested settings, id and speed last. Raises BusError for impossible values, HardwareError for an
+    """The requested settings, id and speed last. Raises BusError for impossible values, HardwareError for an
     unknown register."""
     settings = [setting_of(table, name, value) for name, value in request.registers.items()]
     new_id, baud, return_delay = request.new_id, request.baud, request.return_delay
@@ -173,7 +173,7 @@ def settings_of(table: ControlTable, request: SetupRequest) -> list[Setting]:
 
 
 def plan(image: ServoImage, settings: list[Setting]) -> list[Setting]:
-    """Return the settings that differ from the servo's. Raises BusError with torque on."""
+    """The settings that differ from the servo's. Raises BusError with torque on."""
     due = differing(settings, image)
     if due and image.value("torque_enable"):
         raise BusError(
@@ -185,7 +185,7 @@ def plan(image: ServoImage, settings: list[Setting]) -> list[Setting]:
 
 
 def setting_of(table: ControlTable, name: str, value: int) -> Setting:
-    """Return a setting of an EEPROM register. Raises as `settings_of`."""
+    """A setting of an EEPROM register. Raises as `settings_of`."""
     register = table[name]
     if name in OWN_OPTION:
         raise _no(table, "register", name, f"the option {OWN_OPTION[name]}")

@@ -76,13 +76,13 @@ def ping_alone(port: BytePort, protocol: int, device: int, wait: float) -> PingR
 
 
 def ping_time(port: BytePort, protocol: int, wait: float) -> float:
-    """Return the longest time, s, of such a ping."""
+    """The longest time, s, of such a ping."""
     answer = protocol1.STATUS_BYTES if protocol == 1 else PING_BYTES
     return 10 * (len(CODECS[protocol].ping(0)) + 2 * answer) / port.baud + SPREAD + wait
 
 
 def found_by_ping(answer: Status, *, clash: bool = False) -> FoundServo:
-    """Return the servo behind a 2.0 answer to a ping."""
+    """The servo behind a 2.0 answer to a ping."""
     known = len(answer.data) == 3
     return FoundServo(
         id=answer.id,
@@ -142,17 +142,17 @@ LOOK_FOR_POWER = "Check power, wiring, id, baud rate and protocol, or whether th
 
 
 def refusal(protocol: int, error: int) -> int:
-    """Return the refusal in an error byte: a number (2.0) or bits (1.0); 0: accepted."""
+    """The refusal in an error byte: a number (2.0) or bits (1.0); 0: accepted."""
     return error & REFUSED1 if protocol == 1 else error & 0x7F
 
 
 def state(protocol: int, error: int) -> int:
-    """Return the part of an error byte about the servo itself."""
+    """The part of an error byte about the servo itself."""
     return error & 0x7F & ~REFUSED1 if protocol == 1 else error & 0x80
 
 
 def words(protocol: int, number: int) -> str:
-    """Return a refusal in words."""
+    """A refusal in words."""
     if protocol == 1:
         texts = [text for bit, text in _WORDS1.items() if number & bit]
     else:
@@ -251,7 +251,7 @@ class OneOff:
         self.echoes = 0
 
     def ping(self, device: int) -> FoundServo | None:
-        """Return the servo with this id, or None; with `clash` if its last answer came damaged."""
+        """The servo with this id, or None; with `clash` if its last answer came damaged."""
         self._check_id(device)
         found = None
         for done in range(1 + self.retries):
@@ -261,7 +261,7 @@ class OneOff:
         return found
 
     def scan(self, ids: Iterable[int], *, alone: Iterable[int] | None = None) -> list[FoundServo]:
-        """Return the servos with these ids, and others that answer a broadcast ping (2.0), by id.
+        """The servos with these ids, and others that answer a broadcast ping (2.0), by id.
 
         Silent ids are pinged alone (only those of `alone`, if given); all are, if an answer was damaged.
         """
@@ -289,7 +289,7 @@ class OneOff:
         return [found[device] for device in sorted(found)]
 
     def read(self, device: int, register: Register) -> int:
-        """Return a register's value, counts."""
+        """A register's value, counts."""
         return register.decode(self.read_block(device, register.address, register.size, register.name))
 
     def read_block(self, device: int, address: int, length: int, register: str = "") -> bytes:

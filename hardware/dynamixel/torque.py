@@ -26,12 +26,12 @@ CONFIRM_TRIES = 2  # a lost answer is no refusal
 
 
 def register_of(line: BusLine, name: str) -> Register:
-    """Return a register that all servos of a bus have in one place."""
+    """A register that all servos of a bus have in one place."""
     return next(iter(line.images.values())).table[name]
 
 
 def read_from_all(line: BusLine, name: str, ids: Sequence[int]) -> dict[int, int]:
-    """Return the counts of a register by id. Raises BusError naming those that do not answer."""
+    """The counts of a register by id. Raises BusError naming those that do not answer."""
     found = line.read_all(register_of(line, name), ids)
     silent = [line.name_of(device) for device in ids if device not in found]
     if silent:
@@ -59,7 +59,7 @@ def write_and_read(line: BusLine, register: Register, values: Mapping[int, int])
 
 
 def not_kept(line: BusLine, register: Register, values: Mapping[int, int], wrong: Mapping[int, int | None]) -> BusError:
-    """Return the error for unkept values."""
+    """The error for unkept values."""
     found = ", ".join(
         f"{line.name_of(one)} " + ("silent" if kept is None else f"{kept} instead of {values[one]}")
         for one, kept in wrong.items()
@@ -140,7 +140,7 @@ def enable(line: BusLine, ids: Sequence[int]) -> None:
 
 
 def not_limp(line: BusLine, ids: Iterable[int]) -> list[int]:
-    """Return the servos with torque, and those that do not answer."""
+    """The servos with torque, and those that do not answer."""
     found: dict[int, int] = {}
     ids = list(ids)
     for register, own in line.places("torque_enable", ids).items():

@@ -172,7 +172,7 @@ class SourceState:
 
 
 def files_of(source: Path, reading: Mapping[str, Any]) -> list[Path]:
-    """Return the files of a motion: its own, the skeleton of an AMC, the table of a C3D's markers."""
+    """The files of a motion: its own, the skeleton of an AMC, the table of a C3D's markers."""
     beside = [Path(reading[option]) for option in ("skeleton", "markers") if reading.get(option) is not None]
     if source.suffix.lower() == ".amc" and reading.get("skeleton") is None:
         with suppress(InputError, OSError):  # the reader reports it
@@ -181,7 +181,7 @@ def files_of(source: Path, reading: Mapping[str, Any]) -> list[Path]:
 
 
 def source_state(source: Path, reading: Mapping[str, Any]) -> SourceState:
-    """Return the state of the files of a source."""
+    """The state of the files of a source."""
     try:
         found = [path.stat() for path in files_of(source, reading)]
     except OSError:
@@ -190,7 +190,7 @@ def source_state(source: Path, reading: Mapping[str, Any]) -> SourceState:
 
 
 def source_hash(source: Path, reading: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of the files of a source, "" if one cannot be read."""
+    """The SHA-256 of the files of a source, "" if one cannot be read."""
     whole = hashlib.sha256()
     try:
         for path in files_of(source, reading):
@@ -212,7 +212,7 @@ def batch_settings(
     form: str = RUN,
     fps: float | None = None,
 ) -> BatchSettings:
-    """Return the settings of a batch. Their hash covers the version, all options, and the files of profile, body,
+    """The settings of a batch. Their hash covers the version, all options, and the files of profile, body,
     calibration, priorities, performer and scene. form: the format. Raises RetargetError."""
     if form != RUN:
         fps = format_named(form).conventions.fps if fps is None else fps
@@ -256,7 +256,7 @@ def process_clip(clip: BatchClip, settings: BatchSettings, follow: Follow | None
 
 
 def failed_row(clip: BatchClip, settings: BatchSettings, status: ClipStatus, error: str, message: str) -> ClipRow:
-    """Return the row of a clip without an output."""
+    """The row of a clip without an output."""
     return _row(clip, settings, status, error=error, message=message)
 
 
@@ -295,7 +295,7 @@ def follow_clip(clip: BatchClip, settings: BatchSettings) -> ClipRow:
 
 
 def importable(name: str) -> Any:
-    """Return the object of an importable name, `module:attribute`."""
+    """The object of an importable name, `module:attribute`."""
     module, _, attribute = name.partition(":")
     return getattr(importlib.import_module(module), attribute)
 
@@ -317,7 +317,7 @@ class _BenchOperator(Operator):
 
 
 def places_of(clip: BatchClip, settings: BatchSettings) -> list[Path]:
-    """Return the output files of a clip: one, and for a whole run of the virtual human its body beside it."""
+    """The output files of a clip: one, and for a whole run of the virtual human its body beside it."""
     place = settings.out / clip.output
     with_body = settings.options.is_human and settings.format == RUN
     return [place, human_body_path(place)] if with_body else [place]
@@ -374,7 +374,7 @@ AT_POSITION = 1e-4
 
 
 def limit_shares(run: RunResult) -> dict[str, float]:
-    """Return the shares of the ticks that followed in which at least one joint is at its limit, by the fields of a row;
+    """The shares of the ticks that followed in which at least one joint is at its limit, by the fields of a row;
     {} if fewer than three ticks followed."""
     moved = moved_joints(run)
     q, limits, dt = moved.positions[run.record.following], moved.limits, moved.dt

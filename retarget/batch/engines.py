@@ -15,7 +15,7 @@ from retarget.errors import UsageError, install_step
 
 
 def usual_jobs() -> int:
-    """Return the number of processors that this process may use."""
+    """The number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -70,7 +70,7 @@ class BatchIndex:
         self._file.close()
 
     def known(self) -> dict[str, KnownClip]:
-        """Return the latest row of each clip in all files of the folder, by output. Raises InputError."""
+        """The latest row of each clip in all files of the folder, by output. Raises InputError."""
         names, found = [field.name for field in fields(KnownClip)], {}
         one_text = dict[str, str]()  # shares the hash of settings, which is the same in most rows
         for path in _files_of(self.folder):
@@ -141,7 +141,7 @@ def _files_of(folder: Path) -> list[Path]:
 
 
 def sources_of(folder: Path) -> dict[str, str]:
-    """Return the source of each output in the index of a folder, and of reserved ones. Raises InputError."""
+    """The source of each output in the index of a folder, and of reserved ones. Raises InputError."""
     begun = [_read_begun(path) for path in folder.glob(ALL_BEGUN)]
     rows = {row["output"]: row["source"] for path in _files_of(folder) for row, _ in _rows(path)}
     return {output: source for one in begun for output, source in one.items()} | rows
@@ -227,7 +227,7 @@ class Todo:
 def still_to_do(
     clips: Sequence[BatchClip], settings: BatchSettings, known: dict[str, KnownClip], *, retry_failed: bool
 ) -> Todo:
-    """Return the clips without an output of the same source and settings. A failed clip is among them with
+    """The clips without an output of the same source and settings. A failed clip is among them with
     `retry_failed`, or if source or settings have changed.
 
     A source with the same path, size and modification time is unchanged; else its hash decides.

@@ -26,7 +26,7 @@ TABLE = re.compile(r"index(-\d+-of-\d+)?\.parquet", re.IGNORECASE)
 def find_clips(
     inputs: Sequence[str], *, out: Path, ending: str, sources: Mapping[str, str] | None = None
 ) -> tuple[BatchClip, ...]:
-    """Return the clips of files, folders, patterns (also `**`) and lists, sorted by output, each source once.
+    """The clips of files, folders, patterns (also `**`) and lists, sorted by output, each source once.
 
     A folder is searched recursively, without hidden files and `out`. A missing path in a list is a clip that fails. An
     output has the path of its source below the folder, pattern or list, with `ending`, and a hash if it would not be

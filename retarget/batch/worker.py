@@ -80,7 +80,7 @@ class ClipWorker:
         return min(max(self._deadline - self._clock.now(), 0.0), LONGEST_WAIT_S)
 
     def look(self) -> ClipRow | None:
-        """Return the row of the clip if it is over. Raises WorkerError if processes do not start."""
+        """The row of the clip if it is over. Raises WorkerError if processes do not start."""
         process, clip = self._process, self._clip
         assert process is not None and clip is not None, "a clip was begun"
         ended = not process.is_alive()  # before the last messages are read

@@ -261,7 +261,7 @@ class _Entry:
 
 
 def described(holder: Callable[..., Any] | str) -> tuple[str, dict[str, _Entry]]:
-    """Return the docstring of a function or dataclass without its options, and these by name."""
+    """The docstring of a function or dataclass without its options, and these by name."""
     text: list[str] = []
     entries: dict[str, _Entry] = {}
     heading = name = ""
@@ -282,7 +282,7 @@ def described(holder: Callable[..., Any] | str) -> tuple[str, dict[str, _Entry]]
 
 
 def command_of(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function whose signature typer reads, and that calls `function` with its groups built."""
+    """A function whose signature typer reads, and that calls `function` with its groups built."""
 
     @wraps(function)
     def command(**values: Any) -> Any:
@@ -362,7 +362,7 @@ READ = ("source", "skeleton", "robot", "performer", "priorities", "scene", "faul
 
 
 def session_options(session: str | Path, command: Callable[..., Any]) -> dict[str, Callable[[], Any]]:
-    """Return a function for each value of a session file, by parameter of the command. The keys are its options.
+    """A function for each value of a session file, by parameter of the command. The keys are its options.
 
     session: a name or path. The function is called only where the command line has no value. It raises ConfigError for
     a file that is not there. Raises UsageError for an unknown session, ConfigError with all problems of the file.

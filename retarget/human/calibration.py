@@ -36,7 +36,7 @@ _DOWN = np.array([0.0, 0.0, -1.0])  # unit vector
 
 
 def calibrate(frames: SensorFrames) -> HumanDimensions:
-    """Return the performer's size, from the skeleton where the source has one, else from a rest pose.
+    """The performer's size, from the skeleton where the source has one, else from a rest pose.
 
     Without a rest pose it has average proportions, noted in `origin`. Raises InputError: not a human, or sensors
     missing.

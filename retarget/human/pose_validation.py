@@ -95,7 +95,7 @@ class JumpDetection:
         self.jumped = self._none
 
     def step(self, time: float, sample: SensorSample) -> SensorSample:
-        """Return the sample of `time`, s, without jumps; the same object if there is none."""
+        """The sample of `time`, s, without jumps; the same object if there is none."""
         position, orientation = np.ascontiguousarray(sample.position), np.ascontiguousarray(sample.orientation)
         verdicts = self._validity.take(self._rows, time, position, orientation, sample.valid)
         if verdicts is None:
@@ -115,7 +115,7 @@ class JumpDetection:
 
 
 def without_jumps(frames: SensorFrames) -> SensorFrames:
-    """Return the frames of a recording without jumps; the same object if there is none.
+    """The frames of a recording without jumps; the same object if there is none.
 
     Laid on ticks first, a jump from one frame to the next would be a ramp.
     """

@@ -209,7 +209,7 @@ class Reconstructor:
         self._second = SecondPosture()
 
     def start(self, sample: SensorSample) -> HumanPosture:
-        """Return the converged posture of the first sample, at rest."""
+        """The converged posture of the first sample, at rest."""
         position, orientation, valid = self._layout.read(sample)
         measured = {name: at for name, at, ok in zip(self.sensors, position.tolist(), valid, strict=True) if ok}
         turns = self._layout.turns(np.where(valid[:, None], orientation, np.nan))
@@ -254,7 +254,7 @@ class Reconstructor:
         return self._intake.away
 
     def step(self, sample: SensorSample, dt: float) -> HumanPosture:
-        """Return the posture `dt` s later. Missing sensors take no part, and come and go without a jump."""
+        """The posture `dt` s later. Missing sensors take no part, and come and go without a jump."""
         position, orientation, valid = self._layout.read(sample)
         if self._feet is not None:
             known = self._present(self._intake.position)

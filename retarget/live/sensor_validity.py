@@ -70,7 +70,7 @@ class SensorValidity:
         return usable
 
     def judge(self, now: float) -> StateArray:
-        """Return the ValidityState (k,) of each sensor at `now`, s; read-only."""
+        """The ValidityState (k,) of each sensor at `now`, s; read-only."""
         states: StateArray = self._validity.judge(now)
         if states.tobytes() != self._states.tobytes():
             fresh = states == ValidityState.FRESH

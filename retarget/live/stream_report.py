@@ -195,7 +195,7 @@ class StreamProblems:
         return _is_foreign(self._stream)
 
     def look(self, now: float) -> News:
-        """Return the problem, once; "" for none."""
+        """The problem, once; "" for none."""
         silence = now - self._stream.last
         if silence < NOTED_S:
             self._before = None
@@ -220,7 +220,7 @@ class StreamProblems:
         return advice(symptom, self._stream.kind, reasons=_listed(refused_counts(self._stream) - refused)).what
 
     def why(self, now: float) -> News:
-        """Return the problem, even if it was reported before; "" for none."""
+        """The problem, even if it was reported before; "" for none."""
         stream, silence = self._stream, now - self._stream.last
         # Arrivals instead of frames are known only since the counts were noted.
         if self._before is None or silence < self._silence_limit or now - self._noted < 0.5 * self._silence_limit:

@@ -57,7 +57,7 @@ TRAVEL = 0.5
 
 
 def animation_of(run: RunResult) -> dict[str, Any] | None:
-    """Return the data of the player; None for a run that followed nothing. time: ms. phase, gated: a letter per row.
+    """The data of the player; None for a run that followed nothing. time: ms. phase, gated: a letter per row.
     every: ticks per row. moments: times of faults, ms. poses: rows that are shown side by side."""
     record, following = run.record, run.record.following
     if following.stop - following.start < 2:
@@ -114,7 +114,7 @@ def figure(
     scene: tuple[Sequence[Mesh], FloatArray] | None = None,
     observers: tuple[Sequence[Mesh], FloatArray, FloatArray] | None = None,
 ) -> dict[str, Any]:
-    """Return a body for `Figure` of `figure.js`. poses, goal: (T, links, 7). marks (T, k, 3): sensors or desired
+    """A body for `Figure` of `figure.js`. poses, goal: (T, links, 7). marks (T, k, 3): sensors or desired
     landmarks, m. scene: meshes and poses (T or 1, o, 7) of obstacles. observers: meshes, poses (T, o, 7) and nearest
     points (T, 2, 3), m. layers: other parts that can be hidden."""
     boxes = np.array([[mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)] for mesh in solid.meshes])

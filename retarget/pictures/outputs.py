@@ -21,7 +21,7 @@ PAGES = (".html", ".htm")
 
 
 def report_path(text: str | Path) -> Path:
-    """Return the path of a report: FILE.json, or `report.json` in a folder. Raises UsageError if it is not
+    """The path of a report: FILE.json, or `report.json` in a folder. Raises UsageError if it is not
     writable."""
     path = Path(text)
     check_path(path, option="--report")
@@ -34,7 +34,7 @@ def report_path(text: str | Path) -> Path:
 
 
 def page_path(text: str | Path) -> Path | None:
-    """Return the path of the page in a folder, None for FILE.json. Any other new name is a folder's. Raises UsageError
+    """The path of the page in a folder, None for FILE.json. Any other new name is a folder's. Raises UsageError
     for the name of a page."""
     path = Path(text)
     suffix = "" if path.is_dir() else path.suffix.lower()
@@ -82,7 +82,7 @@ class Outputs:
         return any((self.report, self.page, self.save, self.plots, self.animate))
 
     def checked(self) -> "Outputs":
-        """Return the outputs with the paths of their files. Raises UsageError if one is not writable, or exists."""
+        """The outputs with the paths of their files. Raises UsageError if one is not writable, or exists."""
         if self.animate is not None:
             from retarget.pictures.solid import animation_path
         places = replace(

@@ -29,7 +29,7 @@ _LEFT_OUT = re.compile(r"<metadata>.*?</metadata>|<!--.*?-->|<\?xml.*?\?>|<!DOCT
 
 
 def drawn(figure: Figure, name: str) -> str:
-    """Return a figure as an SVG element. name: prefix of its ids. The figure keeps its layout, which takes most of the
+    """A figure as an SVG element. name: prefix of its ids. The figure keeps its layout, which takes most of the
     time. Matplotlib escapes the texts."""
     stream = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "path.simplify_threshold": 0.3}):
@@ -64,7 +64,7 @@ def write_page(run: RunResult, report: Report, path: Path, *, figures: Mapping[s
 
 
 def player_script(tracks: str = "null") -> str:
-    """Return the player as one module. tracks: an expression for the buffer of the tracks that are not in the page."""
+    """The player as one module. tracks: an expression for the buffer of the tracks that are not in the page."""
     parts = [f"const tracks = {tracks};", *((FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS)]
     return _IMPORT.sub("", "\n".join(parts))
 
@@ -83,7 +83,7 @@ def template(name: str) -> jinja2.Template:
 
 
 def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) -> str:
-    """Return the page of a run. figures: of `plots.figures_of`."""
+    """The page of a run. figures: of `plots.figures_of`."""
     found = findings(run, report)
     limits = [finding for finding in found if finding.kept is not None and finding.name != FOLLOWING]
     animation, tracking = animation_of(run), _tracking(report)

@@ -40,7 +40,7 @@ MOST_POINTS = 2500
 
 
 def new_figure(width: float, height: float, title: str) -> Figure:
-    """Return a figure of this size, inches, with automatic layout and one title."""
+    """A figure of this size, inches, with automatic layout and one title."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=12, x=0.01, ha="left")
@@ -155,7 +155,7 @@ def unlike_ticks(run: RunResult, count: int) -> list[int]:
 
 
 def least_alike(run: RunResult) -> int | None:
-    """Return the tick with the largest sum of angles between arms and trunk of robot and performer; None if none is
+    """The tick with the largest sum of angles between arms and trunk of robot and performer; None if none is
     known."""
     reference, q, following = reference_of(run), run.seen_q, run.record.following
     if run.robot is None or q is None or reference is None:

@@ -29,7 +29,7 @@ LINES = (
 
 
 def reach_numbers(strategies: Strategies) -> list[str]:
-    """Return the volume of each strategy, litres, a line for each hand."""
+    """The volume of each strategy, litres, a line for each hand."""
     lines = []
     for number, hand in enumerate(strategies.reach.hands):
         nodes = hand.nodes.reshape(-1, 3)

@@ -485,7 +485,7 @@ KINDS: dict[str, Callable[[Iterable[Image.Image], int], bytes]] = {".webp": webp
 
 
 def animation_path(path: Path) -> Path:
-    """Return the path if its kind can be written. Raises UsageError for an unknown kind, and ConfigError without its
+    """The path if its kind can be written. Raises UsageError for an unknown kind, and ConfigError without its
     encoder."""
     if path.suffix.lower() not in KINDS:
         raise UsageError("unknown kind of animation", where="--animate", found=str(path), allowed=", ".join(KINDS))

@@ -79,7 +79,7 @@ def tilt_findings(
 
 
 def held_tilt(samples: list[ImuSample]) -> HeldTilt | None:
-    """Return the tilt of equally spaced samples; None if fewer than half of them are valid."""
+    """The tilt of equally spaced samples; None if fewer than half of them are valid."""
     valid = [sample for sample in samples if sample.valid]
     if 2 * len(valid) < len(samples) or not valid:
         return None

@@ -59,7 +59,7 @@ def checks() -> Mapping[str, Any]:
 
 
 def finding(check: str, *, subject: str = "", **facts: Any) -> DoctorFinding:
-    """Return the finding of a check: the first row of `doctor.yaml` whose limits the facts are beyond."""
+    """The finding of a check: the first row of `doctor.yaml` whose limits the facts are beyond."""
     entry: Mapping[str, Any] = checks()[check]
     row = next(
         row
@@ -73,13 +73,13 @@ def finding(check: str, *, subject: str = "", **facts: Any) -> DoctorFinding:
 
 
 def findings(*names: str, **facts: Any) -> list[DoctorFinding]:
-    """Return the findings of several checks, without those of level NONE."""
+    """The findings of several checks, without those of level NONE."""
     found = [finding(name, **facts) for name in names]
     return [one for one in found if one.level is not FindingLevel.NONE]
 
 
 def fix_all(subject: str, problems: Iterable[Problem]) -> list[DoctorFinding]:
-    """Return a finding of level FIX for each problem."""
+    """A finding of level FIX for each problem."""
     return [DoctorFinding(FindingLevel.FIX, subject, problem.render()) for problem in problems]
 
 

@@ -210,7 +210,7 @@ def judge(
 
 
 def named_for(performer: Performer, convention: str) -> Performer:
-    """Return the performer with the role UNNAMED for each sensor that this convention does not name. No sender has a
+    """The performer with the role UNNAMED for each sensor that this convention does not name. No sender has a
     pose of that name, so the sensor is reported as missing."""
     known = CONVENTIONS.get(performer.roles or convention, {})
     sensors = {}

@@ -36,7 +36,7 @@ SHORTEST = 1e-3
 
 
 def find_landmarks(posed: Posed, standing: Angles) -> tuple[dict[str, Landmark], list[str]]:
-    """Return the landmarks by name, and notes on limbs that are too short. standing: rad by joint, trunk upright."""
+    """The landmarks by name, and notes on limbs that are too short. standing: rad by joint, trunk upright."""
     at, found, missing = posed.place(standing).positions, dict[str, Landmark](), list[str]()
 
     def add(
@@ -112,7 +112,7 @@ _ROOTS = {
 
 
 def profile_text(draft: Draft) -> str:
-    """Return the YAML of a profile: `robot.yaml.template` with the drafted lines."""
+    """The YAML of a profile: `robot.yaml.template` with the drafted lines."""
     stands = "Trunk upright, soles flat, centre of mass over the middle of the soles; " if draft.feet else ""
     ids = [servo.entry.id for servo in draft.servos]
     feet = _lines(wrapped(_entry(side, foot), 9) for side, foot in draft.feet.items())

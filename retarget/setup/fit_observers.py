@@ -80,14 +80,14 @@ class PlacedShapes:
         return np.asarray(_solver.shape_distances(*sides)[0])
 
     def touching(self, angles: Mapping[str, float], neutral: Mapping[str, float]) -> frozenset[frozenset[str]]:
-        """Return the pairs of links that touch in a posture. Neighbours, and links on both sides of one shoulder or
+        """The pairs of links that touch in a posture. Neighbours, and links on both sides of one shoulder or
         hip, count only if they are clear of each other in the neutral posture."""
         distance, home = self.distances(angles), self.distances(neutral)
         touches = np.where(self._near, (distance <= 0.0) & (home > 0.0), distance <= NEAREST_M)
         return self._named(touches & ~(self._joined & (home <= NEAREST_M)))
 
     def joined(self, neutral: Mapping[str, float]) -> frozenset[frozenset[str]]:
-        """Return the pairs of links on both sides of one shoulder or hip that touch in the neutral posture."""
+        """The pairs of links on both sides of one shoulder or hip that touch in the neutral posture."""
         return self._named(self._joined & (self.distances(neutral) <= NEAREST_M))
 
     def _named(self, touches: BoolArray) -> frozenset[frozenset[str]]:
@@ -128,7 +128,7 @@ JOINED = "touch in the posture neutral beside the joint between them, whose axes
 def ignored_links(
     placed: PlacedShapes, neutral: Mapping[str, float], postures: Mapping[str, Mapping[str, float]]
 ) -> tuple[IgnoredLinks, ...]:
-    """Return the pairs of links that touch in the neutral posture or in others (rad by joint, by name), in which a run
+    """The pairs of links that touch in the neutral posture or in others (rad by joint, by name), in which a run
     could not begin otherwise."""
     found: dict[tuple[str, ...], IgnoredLinks] = {}
     for first, second in sorted(tuple(sorted(pair)) for pair in placed.joined(neutral)):
@@ -172,7 +172,7 @@ def wrapped(line: str, indent: int) -> str:
 
 
 def comment(text: str) -> str:
-    """Return a paragraph as lines of comment."""
+    """A paragraph as lines of comment."""
     text = " ".join(printable(text).split())
     lines = wrap(text, WIDTH - 1, break_long_words=False, break_on_hyphens=False)
     return "\n".join(f"# {line}" for line in lines)

@@ -153,7 +153,7 @@ def _leg(tree: Tree, anatomy: Anatomy, leg: LimbNodes, side: str) -> tuple[list[
 
 
 def wrist_of(tree: Tree, arm: LimbNodes) -> int | None:
-    """Return the first joint behind the elbow that does not turn about the forearm, None if there is none."""
+    """The first joint behind the elbow that does not turn about the forearm, None if there is none."""
     if arm.bend is None:
         return None
     forearm = tree.points(arm.ends).mean(axis=0) - tree.nodes[arm.bend].anchor

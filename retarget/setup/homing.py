@@ -41,7 +41,7 @@ class Homing:
 
 
 def homed_columns(joint_map: JointMap, names: Sequence[str]) -> BoolArray:
-    """Return a mask (n,) of the named joints, or of all without names. Raises HardwareError for unknown joints, and for
+    """A mask (n,) of the named joints, or of all without names. Raises HardwareError for unknown joints, and for
     one joint of a coupled pair."""
     unknown = [name for name in names if name not in joint_map.joints]
     if unknown:

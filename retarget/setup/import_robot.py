@@ -173,7 +173,7 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: PartLinks, ser
 
 
 def _root(body: Path, found: FoundFrames, *, has_legs: bool, notes: list[str]) -> Root:
-    """Return the root: free on two soles if the body can be set free, suspended for legs without soles, else fixed."""
+    """The root: free on two soles if the body can be set free, suspended for legs without soles, else fixed."""
     if found.feet:
         try:
             compile_body(body, root="free")

@@ -199,7 +199,7 @@ def _link(tree: Tree, node: int) -> str | None:
 
 
 def chain(tree: Tree, first: int) -> list[int]:
-    """Return the nodes of a limb, from the first one outwards, without fingers."""
+    """The nodes of a limb, from the first one outwards, without fingers."""
     nodes, length = [first], 0.0
     while branches := tree.children(nodes[-1]):
         spans = [_span(tree, branch) for branch in branches]
@@ -250,7 +250,7 @@ def _mark(tree: Tree, node: int) -> FloatArray:
 
 
 def side_of(tree: Tree, node: int) -> tuple[int, list[str]]:
-    """Return the side of a node by its names, 1 left, -1 right, 0 neither, and the other words of the name."""
+    """The side of a node by its names, 1 left, -1 right, 0 neither, and the other words of the name."""
     for name in (tree.nodes[node].joint, *tree.nodes[node].names[:1]):
         words = words_of(name)
         side = next((SIDES[word] for word in words if word in SIDES), 0)
@@ -282,7 +282,7 @@ def _span(tree: Tree, branch: int) -> float:
 
 
 def _points_left(tree: Tree, normal: FloatArray, legs: Pair | None, arms: Pair | None) -> float:
-    """Return a number above 0 if the normal points to the left: by names, by feet that are longer ahead of the ankle,
+    """A number above 0 if the normal points to the left: by names, by feet that are longer ahead of the ankle,
     and by hands ahead of the shoulders."""
     ahead, total = np.cross(normal, UP), 0.0
     for pair in (legs, arms):
@@ -303,7 +303,7 @@ def _points_left(tree: Tree, normal: FloatArray, legs: Pair | None, arms: Pair |
 
 
 def pitch_joints(tree: Tree, nodes: Sequence[int], left: FloatArray) -> list[int]:
-    """Return the nodes of a leg whose axes lie across the robot, from the hip down. left (3,): or its opposite."""
+    """The nodes of a leg whose axes lie across the robot, from the hip down. left (3,): or its opposite."""
     return [node for node in nodes if abs(tree.nodes[node].axis @ left) > ACROSS]
 
 

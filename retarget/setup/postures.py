@@ -135,7 +135,7 @@ def _whole(posed: Posed, angles: Angles) -> dict[str, float]:
 
 
 Touching = Callable[[Angles, Angles], frozenset[frozenset[str]]]
-"""Return the pairs of links that touch in a posture, given the neutral one, see `PlacedShapes.touching`."""
+"""The pairs of links that touch in a posture, given the neutral one, see `PlacedShapes.touching`."""
 
 
 def find_postures(posed: Posed, *, soles: bool, touching: Touching) -> dict[str, FoundPosture]:

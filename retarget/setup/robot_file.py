@@ -85,7 +85,7 @@ class MeshFiles:
         self.problems: list[Problem] = []
 
     def find(self, name: str) -> Path | None:
-        """Return the file of a name, else the longest match of the end of its path in the body's folder or package, in
+        """The file of a name, else the longest match of the end of its path in the body's folder or package, in
         any case; None if there is none. A file that MuJoCo reads is preferred to a COLLADA file beside it."""
         try:
             return self._find(name)
@@ -201,7 +201,7 @@ def missing_meshes(names: list[str], source: Source) -> Problem:
 
 
 def collada_triangles(content: bytes, *, source: str) -> FloatArray:
-    """Return the triangles (t, 3, 3), m, of the scene of a COLLADA file, in the axes of the file: `up_axis` is ignored,
+    """The triangles (t, 3, 3), m, of the scene of a COLLADA file, in the axes of the file: `up_axis` is ignored,
     as in ROS (rviz, Gazebo). Raises InputError without pycollada, or if it cannot read the file."""
     try:
         import collada

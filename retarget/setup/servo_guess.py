@@ -55,7 +55,7 @@ class ServoDraft:
 
 
 def models_in_names(names: Iterable[str]) -> list[ServoModel]:
-    """Return the servo models in names of meshes and links, the most frequent one first. A series (xl330) stands for
+    """The servo models in names of meshes and links, the most frequent one first. A series (xl330) stands for
     its first model."""
     plain = [re.sub("[^a-z0-9]", "", name.lower()) for name in names]
     for length in (None, 1):  # XL330-M288, then XL330, but not MX
@@ -111,7 +111,7 @@ def guess_servos(body: BodyDraft, tree: Tree, anatomy: Anatomy, *, model: str = 
 
 
 def _numbers(names: Iterable[str]) -> list[int]:
-    """Return the last, or first, number in each joint's name; [] unless they are distinct ids of servos."""
+    """The last, or first, number in each joint's name; [] unless they are distinct ids of servos."""
     found = [re.findall("[0-9]+", name) for name in names]
     for place in (-1, 0):
         numbers = [int(one[place]) for one in found if one]
@@ -121,7 +121,7 @@ def _numbers(names: Iterable[str]) -> list[int]:
 
 
 def _chosen(candidates: list[ServoModel], torque: float, speed: float) -> tuple[ServoModel, str]:
-    """Return the model whose stall torque, N m, and speed, rad/s, if stated, are nearest by ratio, and the reason."""
+    """The model whose stall torque, N m, and speed, rad/s, if stated, are nearest by ratio, and the reason."""
     if torque <= 0.0:
         return SERVO_MODELS[UNKNOWN], NO_TORQUE
 
@@ -137,7 +137,7 @@ def _chosen(candidates: list[ServoModel], torque: float, speed: float) -> tuple[
 
 
 def _torques(model: Any) -> dict[str, float]:
-    """Return the torque, N m, that the file states for each joint, without placeholders."""
+    """The torque, N m, that the file states for each joint, without placeholders."""
     import mujoco
 
     torques = {}

@@ -76,7 +76,7 @@ class MeasuredStiffness:
 
 
 def held_goals(robot: RobotBody, joint: str, hung: Hung | None, *, dt: float) -> HeldGoals:
-    """Return the goals of a measurement of one joint, with an upright root. dt: tick, s. Raises UsageError for a joint
+    """The goals of a measurement of one joint, with an upright root. dt: tick, s. Raises UsageError for a joint
     that cannot be measured, or whose load changes too little."""
     column, servo = _column(robot, joint)
     stand = robot.posture(robot.profile.postures.stand)
@@ -108,7 +108,7 @@ def held_goals(robot: RobotBody, joint: str, hung: Hung | None, *, dt: float) ->
 
 
 def load_torques(robot: RobotBody, column: int, joints: FloatArray, hung: Hung | None) -> FloatArray:
-    """Return the torque (T,), N m, that holds the weight on a joint in postures `joints` (T, n), rad, servo order, with
+    """The torque (T,), N m, that holds the weight on a joint in postures `joints` (T, n), rad, servo order, with
     the root upright. column: of the joint."""
     body, solver = robot.body, robot.body.solver_body()
     dof = body.dof_index(robot.joint_map.joints[column])
@@ -147,7 +147,7 @@ def fit(torque: FloatArray, deflection: FloatArray, side: IntArray, *, resolutio
 def measured(
     robot: RobotBody, held: HeldGoals, goals: FloatArray, present: FloatArray, hung: Hung | None, *, dt: float
 ) -> MeasuredStiffness | None:
-    """Return the stiffness from sent goals and measured angles `present`, (T, n) each, rad; None if it cannot be
+    """The stiffness from sent goals and measured angles `present`, (T, n) each, rad; None if it cannot be
     determined."""
     column, gear = held.column, held.servo.gear
     settle = round(0.5 * HOLD_S / dt)

@@ -120,7 +120,7 @@ def enclosing_box(geometry: "LinkGeometry") -> tuple[FloatArray, FloatArray, Flo
 
 
 def fitted_shape(geometry: "LinkGeometry") -> LinkShape:
-    """Return the smaller one of a capsule and a box around a link."""
+    """The smaller one of a capsule and a box around a link."""
     size, pos, quat = enclosing_box(geometry)
     kind, volume = ShapeKind.BOX, 8.0 * float(size.prod())
     start, end, radius = enclosing_capsule(
@@ -184,7 +184,7 @@ class LinkGeometry:
 
 
 def link_geometries(model: Any) -> tuple[LinkGeometry, ...]:
-    """Return the geometry of each link that has any, in the model's order: its colliding geoms, else all."""
+    """The geometry of each link that has any, in the model's order: its colliding geoms, else all."""
     import mujoco
 
     found, collides = [], (model.geom_contype | model.geom_conaffinity) != 0

@@ -99,7 +99,7 @@ class Tree:
 
 
 def read_tree(model: Any, *, source: str = "") -> Tree:
-    """Return the tree of a `mujoco.MjModel` in its zero pose. source: for messages. Raises InputError without a base,
+    """The tree of a `mujoco.MjModel` in its zero pose. source: for messages. Raises InputError without a base,
     without hinges, or with more than MAX_JOINTS."""
     import mujoco
 
@@ -171,7 +171,7 @@ class FlatUnderside:
 
 
 def flat_underside(tree: Tree, nodes: Sequence[int]) -> FlatUnderside | None:
-    """Return the largest flat underside of these nodes, None if there is none."""
+    """The largest flat underside of these nodes, None if there is none."""
     centres = np.concatenate([tree.nodes[node].centres for node in nodes])
     radii = np.concatenate([tree.nodes[node].radii for node in nodes])
     down = _facing_down(centres, radii) if len(centres) else None
@@ -185,7 +185,7 @@ def flat_underside(tree: Tree, nodes: Sequence[int]) -> FlatUnderside | None:
 
 
 def outline(points: FloatArray) -> FloatArray:
-    """Return the points of (n, 2) that are farthest in MAX_CORNERS directions: a convex outline (k, 2),
+    """The points of (n, 2) that are farthest in MAX_CORNERS directions: a convex outline (k, 2),
     counter-clockwise from the front left."""
     angles = np.pi / 4.0 + np.arange(MAX_CORNERS) * (2.0 * np.pi / MAX_CORNERS)
     farthest = np.argmax(points @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)

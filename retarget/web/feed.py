@@ -183,7 +183,7 @@ class ViewFeed:
         return self._stop
 
     def messages(self) -> list[str]:
-        """Return the other messages of the page since the last call, oldest first."""
+        """The other messages of the page since the last call, oldest first."""
         self._poll()
         messages = [*self._messages]
         self._messages.clear()

@@ -35,7 +35,7 @@ PHASE_WORDS = ("approaching", "following", "stopping")
 
 
 def recorded_obstacles(run: Motion) -> tuple[list[Mesh], FloatArray | None, tuple[str, ...]]:
-    """Return the meshes of the obstacles, their poses (T, o, 7), m and wxyz, or None, and notes on a scene that is not
+    """The meshes of the obstacles, their poses (T, o, 7), m and wxyz, or None, and notes on a scene that is not
     shown or has changed. Obstacles that a program moved live are shown as in the scene file."""
     if run.recording is None:
         return [], None, ()

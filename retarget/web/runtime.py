@@ -148,7 +148,7 @@ def _members(archive: bytes) -> dict[str, bytes]:
 
 
 def _bundle(detector: bytes, landmarks: bytes) -> bytes:
-    """Return the model bundle: a stored zip of both models, with the scaling of their inputs."""
+    """The model bundle: a stored zip of both models, with the scaling of their inputs."""
     written = io.BytesIO()
     with zipfile.ZipFile(written, "w", zipfile.ZIP_STORED) as bundle:
         for name, model, mean, deviation in (
@@ -171,7 +171,7 @@ _BUFFERS, _METADATA = 4, 6
 
 
 def with_scaling(model: bytes, mean: float, deviation: float) -> bytes:
-    """Return a model (.tflite) of one picture whose input is scaled: (pixel - mean) / deviation, of values 0 to 255."""
+    """A model (.tflite) of one picture whose input is scaled: (pixel - mean) / deviation, of values 0 to 255."""
     scaling = {0: 1, 1: {0: [mean], 1: [deviation]}}  # options: NormalizationOptions
     content = {0: 2, 1: {0: 1}}  # content_properties: ImageProperties of colour space RGB
     tensor = {0: "image", 3: content, 4: [scaling]}

@@ -416,7 +416,7 @@ LARGEST = 1e6
 
 
 def _plain(value: object) -> float | str | bool | None:
-    """Return a number in range, a short printable text or a bool, else None."""
+    """A number in range, a short printable text or a bool, else None."""
     if isinstance(value, bool):
         return value
     if isinstance(value, str):

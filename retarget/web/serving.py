@@ -33,7 +33,7 @@ KEY_BYTES = 24
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
 
 Header = Callable[[str], str | None]
-"""Return the value of a header, None if there is none."""
+"""The value of a header, None if there is none."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class AccessToken:
         return f"{self._scheme}://{self._hosts[0]}:{self.port}/{self._key}/"
 
     def judge(self, path: str, header: Header) -> str | Refused:
-        """Return the path of a request without the key, with a leading slash, or the refusal."""
+        """The path of a request without the key, with a leading slash, or the refusal."""
         hosts = [f"{host}:{self.port}" for host in self._hosts]
         if header("Host") not in hosts:
             return Refused(HTTPStatus.FORBIDDEN, "this page has another address")
@@ -82,7 +82,7 @@ class AccessToken:
 
 
 def only_value(values: list[str]) -> str | None:
-    """Return the one value of a header. Several values become one that fails every check."""
+    """The one value of a header. Several values become one that fails every check."""
     return values[0] if len(values) == 1 else None if not values else "\0several"
 
 
@@ -108,7 +108,7 @@ NEXT_PORTS = 20
 """Number of ports that are tried, from the requested one on."""
 
 FileOf = Callable[[str], Path | bytes | None]
-"""Return the file at a place under the key, None if there is none."""
+"""The file at a place under the key, None if there is none."""
 
 
 def file_response(name: str, body: bytes) -> Response:
@@ -206,7 +206,7 @@ def serve_files(
 
 
 def certified(hosts: Sequence[str]) -> tuple[ssl.SSLContext, str]:
-    """Return a TLS context for names and IPv4 addresses, and the SHA-256 fingerprint of its certificate, which the
+    """A TLS context for names and IPv4 addresses, and the SHA-256 fingerprint of its certificate, which the
     user compares, since no authority vouches for it."""
     import trustme
 

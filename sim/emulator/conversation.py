@@ -56,7 +56,7 @@ REQUESTS = 64
 
 @lru_cache(REQUESTS)
 def reads2(code: int, params: bytes) -> tuple[ReadItem, ...]:
-    """Return the parts of a group read of protocol 2.0, in order. A truncated part addresses no device."""
+    """The parts of a group read of protocol 2.0, in order. A truncated part addresses no device."""
     if code in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ):
         address, length = _word(params, 0), _word(params, 2)
         return tuple(ReadItem(device, address, length) for device in params[4:])
@@ -66,12 +66,12 @@ def reads2(code: int, params: bytes) -> tuple[ReadItem, ...]:
 
 @lru_cache(REQUESTS)
 def reads1(params: bytes) -> tuple[ReadItem, ...]:
-    """Return the parts of a bulk read of protocol 1.0 (00, then length, id, address), in order."""
+    """The parts of a bulk read of protocol 1.0 (00, then length, id, address), in order."""
     return tuple(ReadItem(params[at + 1], params[at + 2], params[at]) for at in range(1, len(params) - 2, 3))
 
 
 def writes2(code: int, params: bytes) -> list[WriteItem]:
-    """Return the parts of a group write of protocol 2.0."""
+    """The parts of a group write of protocol 2.0."""
     if len(params) < 4:
         return []
     if code == Instruction.SYNC_WRITE:
@@ -88,7 +88,7 @@ def writes2(code: int, params: bytes) -> list[WriteItem]:
 
 
 def writes1(params: bytes) -> list[WriteItem]:
-    """Return the parts of a sync write of protocol 1.0."""
+    """The parts of a sync write of protocol 1.0."""
     return _same_registers(params[2:], params[0], params[1]) if len(params) >= 2 else []
 
 
@@ -195,7 +195,7 @@ class Conversation:
         return self._together(frame.id, replies)
 
     def _together(self, device: int, replies: Sequence[tuple[Device, Answer]]) -> list[Reply]:
-        """Return the bytes that arrive from the devices of one id: none, a status, or the mix of several."""
+        """The bytes that arrive from the devices of one id: none, a status, or the mix of several."""
         frames = [CODECS[one.protocol].status(device, answer.error, answer.data) for one, answer in replies]
         if not frames:
             return []
@@ -226,7 +226,7 @@ class Conversation:
         return replies
 
     def _turns(self, items: Sequence[ReadItem], listeners: Sequence[Device]) -> list[Turn]:
-        """Return the devices that answer a group read, up to the first silent one; an id counts once."""
+        """The devices that answer a group read, up to the first silent one; an id counts once."""
         answering: dict[int, list[Device]] = {}
         for device in listeners:
             if device.answers_reads:
@@ -242,7 +242,7 @@ class Conversation:
 
 
 def _able(listeners: Sequence[Device], code: int, silent: Collection[int]) -> list[Device]:
-    """Return the devices that answer a group read: old firmware has no fast ones, an AX no bulk read."""
+    """The devices that answer a group read: old firmware has no fast ones, an AX no bulk read."""
     if listeners[0].protocol == 1:
         able = [device for device in listeners if not device.model.startswith("AX-")]
     else:

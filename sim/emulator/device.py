@@ -76,7 +76,7 @@ class Device:
         return answer if self.memory.value("status_return_level") >= _LEVEL.get(instruction, 2) else None
 
     def read(self, address: int, length: int, now: float) -> Answer:
-        """Return the bytes of a range, or its error: also the device's part of a group read."""
+        """The bytes of a range, or its error: also the device's part of a group read."""
         self.catch_up(now)
         if not self.memory.readable(address, length):
             return self.answer(self.error_of(Error2.ACCESS if length else Error2.DATA_LENGTH))
@@ -100,7 +100,7 @@ class Device:
         return 0
 
     def accepts(self, address: int, data: bytes, *, ram_only: bool = False) -> list[RegisterWrite] | int:
-        """Return the registers that a write would set, or the error by which it is refused as a whole."""
+        """The registers that a write would set, or the error by which it is refused as a whole."""
         if ram_only and address < self.table.eeprom_end:
             return self.error_of(Error2.ACCESS)
         parts = self.memory.parts(address, data)
@@ -109,7 +109,7 @@ class Device:
         return next((error for error in map(self.refusal, parts) if error), None) or parts
 
     def answer(self, error: int = 0, data: bytes = b"") -> Answer:
-        """Return an answer, with the errors that every one has."""
+        """An answer, with the errors that every one has."""
         return Answer(error, data)
 
     def catch_up(self, now: float) -> None:
@@ -124,11 +124,11 @@ class Device:
         self.answers_reads = memory.value("status_return_level") >= 1
 
     def error_of(self, error: Error2) -> int:
-        """Return an error of the memory as this device reports it."""
+        """An error of the memory as this device reports it."""
         return error
 
     def refusal(self, part: RegisterWrite) -> int:
-        """Return the error by which a writable register refuses a value, 0 if it is accepted."""
+        """The error by which a writable register refuses a value, 0 if it is accepted."""
         return 0 if part.register.allows(part.value) else Error2.DATA_RANGE
 
     def react(self, names: set[str], now: float) -> None:

@@ -118,15 +118,15 @@ class FaultState:
                 _EFFECTS[kind](self._devices[index], value_now, now)
 
     def garbage(self) -> bytes:
-        """Return the bytes that the host receives from a dead line after a packet of its own."""
+        """The bytes that the host receives from a dead line after a packet of its own."""
         return self._chance.randbytes(max(self._garbage))
 
     def to_servos(self, packet: bytes) -> list[DelayedBytes]:
-        """Return the bytes that devices receive of a packet of the host."""
+        """The bytes that devices receive of a packet of the host."""
         return mangled(packet, self._inbound, self._chance)
 
     def to_host(self, device: int, packet: bytes) -> list[DelayedBytes]:
-        """Return the bytes that the host receives of a packet of a device."""
+        """The bytes that the host receives of a packet of a device."""
         if device in self.clashing:
             packet = self._chance.randbytes(len(packet))
         hits = [fault for fault in self._outbound if not fault.ids or device in fault.ids]
@@ -168,7 +168,7 @@ class FaultPlan(Schema):
     faults: Annotated[tuple[Fault, ...], Field(max_length=MAX_FAULTS)]
 
     def of_bus(self, name: str) -> tuple[Fault, ...]:
-        """Return the faults of one bus."""
+        """The faults of one bus."""
         return tuple(fault for fault in self.faults if fault.bus in (None, name))
 
 
@@ -182,7 +182,7 @@ def load_fault_plan(path: Path, buses: Buses, *, kinds: Collection[FaultKind] = 
 
 
 def _problems(document: Document, buses: Buses, kinds: Collection[FaultKind] = EVERY_KIND) -> list[Problem]:
-    """Return the problems of entries that are valid by themselves."""
+    """The problems of entries that are valid by themselves."""
     entries = document.data.get("faults")
     problems: list[Problem] = []
     for index, data in enumerate(entries if isinstance(entries, list) else []):

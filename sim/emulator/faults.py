@@ -158,7 +158,7 @@ class DelayedBytes(NamedTuple):
 
 
 def mangled(packet: bytes, faults: Sequence[Fault], chance: random.Random) -> list[DelayedBytes]:
-    """Return the parts of a packet after faults of BYTE_KINDS, in their order; none: it is lost."""
+    """The parts of a packet after faults of BYTE_KINDS, in their order; none: it is lost."""
     parts = [DelayedBytes(0.0, packet)]
     for fault in faults:
         parts = [new for part in parts for new in _hit(part, fault, chance, last=packet[-1])]

@@ -34,7 +34,7 @@ class LineTiming:
 
     @staticmethod
     def none() -> "LineTiming":
-        """Return the timing of a line on which nothing takes time."""
+        """The timing of a line on which nothing takes time."""
         return LineTiming(bits=0.0, return_delay=0.0, turnaround=0.0, latency=0.0)
 
     @property
@@ -43,7 +43,7 @@ class LineTiming:
         return not (self.bits or self.return_delay or self.turnaround)
 
     def on_wire(self, count: int, baud: int) -> float:
-        """Return the time of `count` bytes, s."""
+        """The time of `count` bytes, s."""
         return self.bits * count / baud
 
 
@@ -108,7 +108,7 @@ class Line:
         return max(chunk.due for chunk in self._waiting if chunk.due - first <= span)
 
     def take(self, now: float) -> bytes:
-        """Return the bytes that have arrived at the host by `now` since the last call."""
+        """The bytes that have arrived at the host by `now` since the last call."""
         out = []
         while self._waiting and self._waiting[0].due <= now:
             out.append(self._waiting.popleft().data)

@@ -36,16 +36,16 @@ class Memory:
         """Below this address nothing is indirect."""
 
     def value(self, name: str) -> int:
-        """Return the counts of a register. Raises HardwareError for a name that the table does not have."""
+        """The counts of a register. Raises HardwareError for a name that the table does not have."""
         register = self.table[name]
         return register.decode(bytes(self.image[register.address : register.end]))
 
     def value_or(self, name: str, default: int) -> int:
-        """Return the counts of a register, `default` where the model does not have it."""
+        """The counts of a register, `default` where the model does not have it."""
         return self.value(name) if self.table.has(name) else default
 
     def scaled(self, name: str) -> float:
-        """Return the value of a register in the unit of its scale."""
+        """The value of a register in the unit of its scale."""
         return self.value(name) * (self.table[name].scale or 0.0)
 
     def flag(self, name: str, mask: int) -> bool:
@@ -68,7 +68,7 @@ class Memory:
         return length > 0 and address >= 0 and end <= len(self.image) and 1 in self._defined[address:end]
 
     def slice(self, address: int, length: int) -> bytes:
-        """Return the bytes of a readable range, with indirect data resolved."""
+        """The bytes of a readable range, with indirect data resolved."""
         end = address + length
         if end <= self.plain_end:
             return bytes(self.image[address:end])
@@ -76,7 +76,7 @@ class Memory:
         return bytes([image[self.target(place)] for place in range(address, end)])
 
     def target(self, address: int) -> int:
-        """Return the address that the byte at `address` stands for: itself unless it is indirect data."""
+        """The address that the byte at `address` stands for: itself unless it is indirect data."""
         pointer = self._pointers.get(address)
         if pointer is None:
             return address
@@ -91,7 +91,7 @@ class Memory:
         return any(first <= self.target(place) < last for place in range(address, end))
 
     def parts(self, address: int, data: bytes) -> list[RegisterWrite] | Error2:
-        """Return the registers that a write covers, in order, or its error: DATA_LENGTH for a part of a register,
+        """The registers that a write covers, in order, or its error: DATA_LENGTH for a part of a register,
         ACCESS for a hole, a read-only register and the end of the table."""
         if not data:
             return Error2.DATA_LENGTH

@@ -59,7 +59,7 @@ class EmulatedPort:
             self._line.receive(data, self._clock.now())
 
     def read(self) -> bytes:
-        """Return the bytes that have arrived."""
+        """The bytes that have arrived."""
         self._require("read")
         return self._line.take(self._clock.now())
 

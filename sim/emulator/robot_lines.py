@@ -83,7 +83,7 @@ def robot_lines(
     as_delivered: bool = False,
     imu: ImuStandIn | None = None,
 ) -> dict[str, Line]:
-    """Return a line for each bus, by its name. start: ticks (n,), in the order of `servos`; now: s, from which faults
+    """A line for each bus, by its name. start: ticks (n,), in the order of `servos`; now: s, from which faults
     count.
 
     Ids that no servo has are controllers such as the OpenCR of an OP3. powered: the power switch is on. as_delivered:

@@ -44,7 +44,7 @@ WHEEL_MODE = 1
 
 
 def mode_of(memory: Memory) -> Mode1:
-    """Return the mode that the registers define."""
+    """The mode that the registers define."""
     if memory.table.has("control_mode"):
         return Mode1.WHEEL if memory.value("control_mode") == WHEEL_MODE else Mode1.JOINT
     limits = memory.value("cw_angle_limit"), memory.value("ccw_angle_limit")
@@ -55,7 +55,7 @@ def mode_of(memory: Memory) -> Mode1:
 
 
 def goal_bounds1(memory: Memory) -> tuple[int, int]:
-    """Return the lowest and highest goal position that is accepted."""
+    """The lowest and highest goal position that is accepted."""
     mode = mode_of(memory)
     if mode is Mode1.JOINT:
         return memory.value("cw_angle_limit"), memory.value("ccw_angle_limit")
@@ -64,7 +64,7 @@ def goal_bounds1(memory: Memory) -> tuple[int, int]:
 
 
 def shown_position(memory: Memory, position: float, *, back: bool = False) -> float:
-    """Return the register value of a shaft `position` (tick); back: the shaft position of a register value.
+    """The register value of a shaft `position` (tick); back: the shaft position of a register value.
 
     Offset and divider count only in multi-turn mode (e-Manual, 20 and 22).
     """
@@ -132,16 +132,16 @@ class EmulatedServo1(ServoBody):
         self.tune()
 
     def answer(self, error: int = 0, data: bytes = b"") -> Answer:
-        """Return an answer with the present errors; with protocol 2.0 with the alert bit only."""
+        """An answer with the present errors; with protocol 2.0 with the alert bit only."""
         standing = self._wrong if self.protocol == 1 else ALERT * bool(self._wrong)
         return Answer(error | standing, data)
 
     def error_of(self, error: Error2) -> int:
-        """Return an error of the memory; protocol 1.0 has one for every bad range."""
+        """An error of the memory; protocol 1.0 has one for every bad range."""
         return Error1.RANGE if self.protocol == 1 else error
 
     def live(self, now: float) -> dict[str, float]:
-        """Return the values of the registers that show its state at `now` (s)."""
+        """The values of the registers that show its state at `now` (s)."""
         shaft, electrics, tick = self.shaft, self.electrics, self.servo_model.tick_rad
         load = min(max(electrics.current - IDLE_CURRENT, 0.0) / LARGEST_CURRENT, 1.0)
         return {
@@ -195,7 +195,7 @@ class EmulatedServo1(ServoBody):
         return answer
 
     def refusal(self, part: RegisterWrite) -> int:
-        """Return the error by which a register refuses a value, 0 if it is accepted."""
+        """The error by which a register refuses a value, 0 if it is accepted."""
         register, value = part
         locked = self.shaft.torque if self.protocol == 2 else self.memory.value("lock") != 0
         if locked and (register.address < self.table.eeprom_end or (register.name == "lock" and not value)):

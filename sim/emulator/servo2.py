@@ -113,7 +113,7 @@ class EmulatedServo(ServoBody):
             watchdog.feed(now)
 
     def read(self, address: int, length: int, now: float) -> Answer:
-        """Return the bytes of a range, or its error. The motion, which hosts read every cycle, is quick."""
+        """The bytes of a range, or its error. The motion, which hosts read every cycle, is quick."""
         end = address + length
         if MOTION <= address < end <= MOTION_END:
             self.catch_up(now)
@@ -135,7 +135,7 @@ class EmulatedServo(ServoBody):
         super().write(address, data, now, secondary=secondary)
 
     def live(self, now: float) -> dict[str, float]:
-        """Return the registers that show its motion at `now` (s); the others change when it is checked."""
+        """The registers that show its motion at `now` (s); the others change when it is checked."""
         shaft = self.shaft
         place, speed = shaft.trajectory() if shaft.path is not None else (shaft.target, 0.0)
         if not shaft.torque:
@@ -172,11 +172,11 @@ class EmulatedServo(ServoBody):
         self._current_stuck = stuck
 
     def answer(self, error: int = 0, data: bytes = b"") -> Answer:
-        """Return an answer with the alert bit as it stands."""
+        """An answer with the alert bit as it stands."""
         return Answer(error | self._alert, data)
 
     def refusal(self, part: RegisterWrite) -> int:
-        """Return the error by which a register refuses a value."""
+        """The error by which a register refuses a value."""
         condition = Condition(torque=self.shaft.torque, barred=self.barred, tripped=self.tripped)
         return refusal(self.memory, part, condition)
 

@@ -36,7 +36,7 @@ class Condition(NamedTuple):
 
 
 def refusal(memory: Memory, part: RegisterWrite, condition: Condition) -> Error2:
-    """Return the error by which `part` is refused now, Error2.NONE if it is accepted."""
+    """The error by which `part` is refused now, Error2.NONE if it is accepted."""
     register, value = part
     if condition.torque and register.address < memory.table.eeprom_end:
         return Error2.ACCESS
@@ -64,7 +64,7 @@ def refusal(memory: Memory, part: RegisterWrite, condition: Condition) -> Error2
 
 
 def goal_bounds(memory: Memory, name: str) -> tuple[int, int]:
-    """Return the lowest and highest counts of a goal register with the present limits and mode."""
+    """The lowest and highest counts of a goal register with the present limits and mode."""
     if name in GOAL_LIMITS:
         most = memory.value(GOAL_LIMITS[name])
         return -most, most
@@ -94,7 +94,7 @@ def tune_loop(shaft: Shaft, memory: Memory, model: ServoModel, supplied: float) 
 
 
 def path_to(goal: int, memory: Memory, tick: float, *, at: tuple[float, float], now: float) -> ProfilePath | None:
-    """Return the profile to `goal` from `at` (tick, tick/s), None where Profile Velocity is 0: a step. tick: rad."""
+    """The profile to `goal` from `at` (tick, tick/s), None where Profile Velocity is 0: a step. tick: rad."""
     top, ramp = memory.value("profile_velocity"), memory.value("profile_acceleration")
     if not top:
         return None
@@ -245,7 +245,7 @@ class Encoder:
         put_goal(self._memory, "goal_position", goal)
 
     def _active_offset(self) -> int:
-        """Return the homing offset; position mode ignores a large one."""
+        """The homing offset; position mode ignores a large one."""
         offset = self._memory.value("homing_offset")
         ignored = self._memory.value("operating_mode") == POSITION and abs(offset) > HOMING_REACH
         return 0 if ignored else offset

@@ -64,11 +64,11 @@ class ServoBody(Device):
         raise NotImplementedError
 
     def live(self, now: float) -> dict[str, float]:
-        """Return the values of the registers that show its state at `now` (s)."""
+        """The values of the registers that show its state at `now` (s)."""
         raise NotImplementedError
 
     def realtime_tick(self, now: float) -> int:
-        """Return the realtime tick, ms since the last start, wrapped."""
+        """The realtime tick, ms since the last start, wrapped."""
         return int(1000.0 * (now - self.started)) % REALTIME_TICKS
 
     def show(self, address: int, length: int, now: float) -> None:

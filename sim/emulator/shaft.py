@@ -48,7 +48,7 @@ class ProfilePath:
         self.end = start + math.fsum(phase.duration for phase in phases)
 
     def at(self, now: float) -> Point:
-        """Return the point of the path at `now` (s); its goal, at rest, from its end on."""
+        """The point of the path at `now` (s); its goal, at rest, from its end on."""
         if now >= self.end:
             return Point(self.goal, 0.0, 0.0)
         left = now - self._start
@@ -64,7 +64,7 @@ class ProfilePath:
 def path_by_velocity(
     goal: float, *, position: float, velocity: float, top: float, acceleration: float, now: float
 ) -> ProfilePath:
-    """Return the path to `goal` (tick) from `position` (tick) at `velocity` (tick/s).
+    """The path to `goal` (tick) from `position` (tick) at `velocity` (tick/s).
 
     top: greatest speed, above 0, tick/s. acceleration: tick/s^2, 0: unbounded (rectangle).
     """
@@ -90,7 +90,7 @@ def path_by_velocity(
 def path_by_time(
     goal: float, *, position: float, velocity: float, total: float, ramp: float, now: float
 ) -> ProfilePath:
-    """Return the path to `goal` (tick) from `position` (tick) at `velocity` (tick/s) in `total` s, above 0.
+    """The path to `goal` (tick) from `position` (tick) at `velocity` (tick/s) in `total` s, above 0.
 
     ramp: time to speed up, and to slow down, at most half of `total` (e-Manual), s.
     """
@@ -109,7 +109,7 @@ def _three(
     now: float,
     kind: int,
 ) -> ProfilePath:
-    """Return the path that ramps from `at` (tick, tick/s) to the velocity `peak`, cruises and brakes to rest."""
+    """The path that ramps from `at` (tick, tick/s) to the velocity `peak`, cruises and brakes to rest."""
     position, velocity = at
     ramp, cruise, brake = durations
     phases: list[PathSegment] = []
@@ -163,10 +163,10 @@ class Mechanics(Protocol):
         """Go on to `now` (s); return the position of the shaft, tick, and its velocity, tick/s."""
 
     def effort(self, shaft: "Shaft") -> float:
-        """Return the torque of the motor as a share of its stall torque, signed."""
+        """The torque of the motor as a share of its stall torque, signed."""
 
     def current(self, shaft: "Shaft") -> float:
-        """Return the current of the motor, A, signed."""
+        """The current of the motor, A, signed."""
 
 
 class Shaft:
@@ -238,7 +238,7 @@ class Shaft:
             self._in_steps(now, elapsed)
 
     def effort(self) -> float:
-        """Return the torque of the motor against a jam as a signed share of its stall torque."""
+        """The torque of the motor against a jam as a signed share of its stall torque."""
         if self.mechanics is not None:
             return self.mechanics.effort(self)
         if not self.torque or not self.stuck:
@@ -247,7 +247,7 @@ class Shaft:
         return min(max(self.drive(), -most, -1.0), most, 1.0)
 
     def drive(self) -> float:
-        """Return the present drive as a signed share of full drive."""
+        """The present drive as a signed share of full drive."""
         if not self.torque or self.full <= 0.0:
             return 0.0
         if not self.stuck:
@@ -271,7 +271,7 @@ class Shaft:
         self.refresh()
 
     def _desired_speed(self) -> float:
-        """Return the speed of the law before any limit, tick/s."""
+        """The speed of the law before any limit, tick/s."""
         if self.law is Law.POSITION:
             place, speed = self.trajectory()
             return (place - self.position + self._bias + self.forward * speed) / self.lag

@@ -204,7 +204,7 @@ class Bench(Operator, RunObserver):
         return [one for line in self.lines.values() for one in line.devices if isinstance(one, EmulatedServo)]
 
     def servo(self, device: int) -> EmulatedServo:
-        """Return the servo of an id."""
+        """The servo of an id."""
         return next(one for one in self.servos if one.id == device)
 
     def at(self, time: float, act: Callable[[], object]) -> None:

@@ -46,7 +46,7 @@ STANDING = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST, RunState.STANDING, *
 
 
 def goals_of(bench: Bench, trace: Trace) -> tuple[float, list[Track]]:
-    """Return the period of the ticks, s, and the goals of each servo."""
+    """The period of the ticks, s, and the goals of each servo."""
     dt = 1.0 / bench.robot.profile.safety.rate_hz
     return dt, tracks(once(goal_writes(written(trace.sent)), within=0.5 * dt), bench.robot.joint_map.servos)
 
@@ -146,7 +146,7 @@ def let_go(trace: Trace, onset: float, row: Row) -> list[str]:
 
 
 def late(what: str, time: float | None, onset: float, limit: float) -> list[str]:
-    """Return a line for a reaction that did not come, or came later than `limit` s after the onset."""
+    """A line for a reaction that did not come, or came later than `limit` s after the onset."""
     if time is None:
         return [f"not {what}"]
     return [f"{what} after {time - onset:.3f} s, allowed {limit:g} s"] if time - onset > limit + 1e-9 else []
@@ -217,7 +217,7 @@ def _reaction(row: Row, bench: Bench, onset: float) -> Judged:
 
 
 def reacted(row: Row, bench: Bench, onset: float) -> Judged:
-    """Return the time from the onset to the reaction, s, and what is wrong since the onset."""
+    """The time from the onset to the reaction, s, and what is wrong since the onset."""
     trace, stop = bench.trace, bench.trace.stop
     time, wrong = _reaction(row, bench, onset)
     ended = trace.ended - onset
@@ -373,12 +373,12 @@ def _idle(row: Row, trace: Trace) -> list[str]:
 
 
 def strength(row: Row) -> tuple[int, float]:
-    """Return the strength of the reaction, and its limit, of which the longer one counts."""
+    """The strength of the reaction, and its limit, of which the longer one counts."""
     return BOUNDS.reactions[row.reaction.name].strength, row.limit
 
 
 def least(row: Row) -> Row:
-    """Return the row with the least reaction that its fault requires beside another one."""
+    """The row with the least reaction that its fault requires beside another one."""
     reaction, limit = row.reaction, row.limit
     waits = reaction is Reaction.STOP and limit > BOUNDS.soon_s and row.cause is StopCause.STALE_GOAL
     if reaction in (Reaction.RESUME, Reaction.STAND) or waits:
@@ -387,7 +387,7 @@ def least(row: Row) -> Row:
 
 
 def outdone(first: Row, second: Row, *, gap: float) -> Row:
-    """Return the row whose reaction two faults, `gap` s apart, require from the later one on: the stronger one."""
+    """The row whose reaction two faults, `gap` s apart, require from the later one on: the stronger one."""
     strongest = max((least(row) for row in (first, second) if row.name != second.hides), key=strength)
     if (first.suspends or second.suspends) and gap < first.limit:
         strongest = replace(strongest, limit=strongest.limit + max(first.limit, second.limit))
@@ -421,7 +421,7 @@ def reached(trace: Trace, row: Row, first: float, last: float) -> bool:
 
 
 def missing(trace: Trace, first: Struck, second: Struck, others: Sequence[Struck] = ()) -> list[str]:
-    """Return the reactions to two faults that did not come in time, in words.
+    """The reactions to two faults that did not come in time, in words.
 
     The first is judged by itself if its time is over before the second. Otherwise the stronger reaction counts from the
     second on. others: faults that may hide one of them; where they overlap, the stronger reaction counts from the later

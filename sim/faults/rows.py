@@ -311,7 +311,7 @@ ARMED_ACTS: dict[str, Act] = {
 
 
 def _injection(entry: object) -> Callable[[Bench, float], object]:
-    """Return the injection of an entry: a name, a mapping from it to arguments, or a list of these."""
+    """The injection of an entry: a name, a mapping from it to arguments, or a list of these."""
     if isinstance(entry, list):
         parts = [_injection(one) for one in entry]
         return lambda bench, at: [part(bench, at) for part in parts]

@@ -64,7 +64,7 @@ class FakeSender:
         return False
 
     def poll(self, now: float) -> list[Datagram]:
-        """Return the datagrams that have arrived by `now`."""
+        """The datagrams that have arrived by `now`."""
         if self._begun is None:
             self._begun = self._polled = now
         found = []
@@ -90,11 +90,11 @@ class FakeSender:
         """Do nothing: no socket is open."""
 
     def stamp(self, time: float) -> float:
-        """Return the time by the sender's clock, s, at a time, s of the sender."""
+        """The time by the sender's clock, s, at a time, s of the sender."""
         return sum(self.jumps, time + 1000.0)
 
     def encoded(self, time: float) -> bytes | None:
-        """Return the datagram that is sent at a time, s of the sender; None: nothing is."""
+        """The datagram that is sent at a time, s of the sender; None: nothing is."""
         poses = self.poses(time)
         return None if poses is None else encoded(self.stamp(time), poses)
 
@@ -109,7 +109,7 @@ class FakeSender:
 
 
 def encoded(stamp: float, poses: Poses) -> bytes:
-    """Return a datagram of `retarget.sources.streams.json_pose`."""
+    """A datagram of `retarget.sources.streams.json_pose`."""
     sent = {name: {"p": [round(float(x), 6) for x in point]} for name, point in poses.items()}
     return json.dumps({"axes": "rep103", "time": stamp, "poses": sent}).encode()
 

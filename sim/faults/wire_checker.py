@@ -112,7 +112,7 @@ class Track:
     step: float
 
     def between(self, first: float, last: float) -> FloatArray:
-        """Return the angles from `first` to before `last`, s."""
+        """The angles from `first` to before `last`, s."""
         return np.asarray(self.angle[(self.times >= first) & (self.times < last)])
 
 
@@ -126,7 +126,7 @@ def once(goals: Goals, *, within: float) -> Goals:
 
 
 def tracks(goals: Goals, servos: Sequence[ServoSpec]) -> list[Track]:
-    """Return the goals of each of the plain servos (no couplings) that got any."""
+    """The goals of each of the plain servos (no couplings) that got any."""
     found = []
     for servo in servos:
         own = [(time, goal[servo.id]) for time, goal in goals if servo.id in goal]
@@ -147,7 +147,7 @@ def posture_tracks(postures: Sequence[tuple[float, FloatArray]], servos: Sequenc
 
 
 def beyond_limits(goal_tracks: Sequence[Track], dt: float) -> list[str]:
-    """Return the violations of limits by goals every `dt` s, a line each. A late goal must not catch up."""
+    """The violations of limits by goals every `dt` s, a line each. A late goal must not catch up."""
     found = []
     for track in goal_tracks:
         servo, angle = track.servo, track.angle
@@ -185,7 +185,7 @@ def _beyond(values: FloatArray, most: float, rounding: FloatArray) -> float:
 
 
 def still_moving(goal_tracks: Sequence[Track], first: float, last: float, *, ticks: int = 0) -> list[str]:
-    """Return the servos that still move by more than some ticks between two times, s, a line each."""
+    """The servos that still move by more than some ticks between two times, s, a line each."""
     found = []
     for track in goal_tracks:
         angles = track.between(first, last)
@@ -200,7 +200,7 @@ def stood(goal_tracks: Sequence[Track], time: float) -> bool:
 
 
 def too_fast(goal_tracks: Sequence[Track], first: float, last: float, *, share: float, dt: float) -> list[str]:
-    """Return the servos that go faster than a share of their greatest speed between two times, s, a line each."""
+    """The servos that go faster than a share of their greatest speed between two times, s, a line each."""
     found = []
     for track in goal_tracks:
         angles = track.between(first, last)
@@ -211,7 +211,7 @@ def too_fast(goal_tracks: Sequence[Track], first: float, last: float, *, share: 
 
 
 def detours(goal_tracks: Sequence[Track], first: float, last: float) -> list[str]:
-    """Return the servos that make a detour between two times, s, a line each."""
+    """The servos that make a detour between two times, s, a line each."""
     found = []
     for track in goal_tracks:
         angles = track.between(first, last)
@@ -253,7 +253,7 @@ _compiled = cache(compile_body)
 
 
 def clearance_of(robot: RobotBody, postures: FloatArray) -> Clearance:
-    """Return the clearance, m, of the body to itself in postures (T, nq), rad."""
+    """The clearance, m, of the body to itself in postures (T, nq), rad."""
     file = _compiled(robot.profile.body_path, root=robot.profile.root)
     placed = PlacedBody(file, postures, np.arange(len(postures)))
     neutral = robot.posture(robot.profile.postures.neutral)
@@ -261,7 +261,7 @@ def clearance_of(robot: RobotBody, postures: FloatArray) -> Clearance:
 
 
 def collisions(robot: RobotBody, goal_tracks: Sequence[Track]) -> list[str]:
-    """Return the deepest collision of goals, in words, if there is one. The root stays as in the body file."""
+    """The deepest collision of goals, in words, if there is one. The root stays as in the body file."""
     times = goal_tracks[0].times if goal_tracks else np.zeros(0)
     postures = np.tile(robot.body.qpos0, (len(times), 1))  # (T, nq) [rad] at the times of the first servo
     columns = dict(zip(robot.joint_map.joints, robot.servo_columns, strict=True))

@@ -153,13 +153,13 @@ class SimulatedShafts:
         return position, speed / float(self._tick_rad[row])
 
     def effort(self, shaft: Shaft) -> float:
-        """Return the torque of the motor as a share of its stall torque, signed."""
+        """The torque of the motor as a share of its stall torque, signed."""
         row = self._row[id(shaft)]
         simulation = self._simulation
         return float(simulation.motors.torque(simulation.data)[row] / self._stall[row])
 
     def current(self, shaft: Shaft) -> float:
-        """Return the current of the motor, A, signed."""
+        """The current of the motor, A, signed."""
         simulation = self._simulation
         torque, driven = simulation.motors.torque(simulation.data), simulation.motors.driven
         return float(simulation.electrics.current(torque, driven)[self._row[id(shaft)]])
@@ -179,7 +179,7 @@ class SimulatedShafts:
 
 
 def servos_on(lines: Mapping[str, Line], servos: Sequence[ServoSpec]) -> list[ServoBody]:
-    """Return the emulated servos on these lines, in servo order."""
+    """The emulated servos on these lines, in servo order."""
     return [
         next(one for one in lines[servo.bus].devices if isinstance(one, ServoBody) and one.id == servo.id)
         for servo in servos

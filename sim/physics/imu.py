@@ -23,7 +23,7 @@ class LinkMotion:
         self._found = np.zeros(6)
 
     def __call__(self) -> ImuTruth:
-        """Return the motion after the last step of the engine."""
+        """The motion after the last step of the engine."""
         simulation, data, found = self._simulation, self._simulation.data, self._found
         w, x, y, z = data.xquat[self._link].tolist()
         if not simulation.moves:  # a hand, a stand or a rope holds it

@@ -39,7 +39,7 @@ class PositionLoop:
 
 
 def position_loop(servo: ServoSpec) -> PositionLoop:
-    """Return the loop with the gains of the profile. A model without a P gain (AX-12A) has its default slope."""
+    """The loop with the gains of the profile. A model without a P gain (AX-12A) has its default slope."""
     gains, model = servo.gains, servo.model
     if model.layout_in(servo.protocol) is Layout.OLDER:
         return PositionLoop(1.0 / full_drive_error(p_gain(servo)), 0.0, integral_rate(servo))
@@ -244,7 +244,7 @@ class Motors:
         return self._of_shafts(data.qvel[self._dof])
 
     def torque(self, data: Any) -> FloatArray:
-        """Return the torques (n,) of the motors at their shafts over the last step, N m."""
+        """The torques (n,) of the motors at their shafts over the last step, N m."""
         force = data.actuator_force
         return np.asarray(np.minimum(np.maximum(force[self._motor] + force[self._emf], -self._most), self._most))
 
@@ -280,7 +280,7 @@ class Electrics:
         self.trips = True
 
     def current(self, torque: FloatArray, driven: BoolArray) -> FloatArray:
-        """Return the currents (n,) of motors with `torque` N m, A."""
+        """The currents (n,) of motors with `torque` N m, A."""
         return np.asarray(driven * torque / self._constant)
 
     def advance(self, torque: FloatArray, speed: FloatArray, driven: BoolArray, elapsed: float) -> bool:

@@ -41,7 +41,7 @@ _BY_ROOT = {"free": Support.FLOOR, "fixed": Support.STAND, "suspended": Support.
 
 
 def mount_of(robot: RobotBody) -> Mount:
-    """Return the mount that the profile's root names."""
+    """The mount that the profile's root names."""
     return Mount(_BY_ROOT[robot.profile.root])
 
 

@@ -95,7 +95,7 @@ class SoleSteps:
         return np.asarray(sign * (frames @ acceleration[:, :, None])[:, :, 0])
 
     def _sorted(self) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray, NDArray[np.intp]]:
-        """Return the contacts (c,) of corners of soles: index, foot, side (c, 1), 1 or -1, and rows (c, 3)."""
+        """The contacts (c,) of corners of soles: index, foot, side (c, 1), 1 or -1, and rows (c, 3)."""
         contact = self._data.contact
         feet = self._foot[contact.geom].reshape(-1, 2)
         which = np.flatnonzero((feet.max(axis=1, initial=-1) >= 0) & (contact.efc_address >= 0))

@@ -150,7 +150,7 @@ class FallWatch:
 
 
 def _raised(root: Sequence[float], point: Sequence[float]) -> float:
-    """Return the height of a point (3,) of a root link over its origin. root: xyz, wxyz. In plain floats: each tick."""
+    """The height of a point (3,) of a root link over its origin. root: xyz, wxyz. In plain floats: each tick."""
     w, i, j, k = root[3:7]
     x, y, z = point
     return 2.0 * (i * k - w * j) * x + 2.0 * (j * k + w * i) * y + (1.0 - 2.0 * (i * i + j * j)) * z
@@ -276,7 +276,7 @@ class WitnessedBus:
 
 
 def zmp_margins(robot: RobotBody, log: PhysicsLog, *, least_load: float) -> FloatArray:
-    """Return the distance (rows,) m of the centre of pressure inside the hull of the soles with `least_load` N or more;
+    """The distance (rows,) m of the centre of pressure inside the hull of the soles with `least_load` N or more;
     NaN without any, and while a hand holds the robot."""
     margins = np.full(log.rows, np.nan)
     feet = list(robot.profile.feet.values())
@@ -298,7 +298,7 @@ def zmp_margins(robot: RobotBody, log: PhysicsLog, *, least_load: float) -> Floa
 def physics_run(
     witness: Witness, *, begun: float = 0.0, seed: int = 0, perturbations: tuple[str, ...] = ()
 ) -> PhysicsRun:
-    """Return the observations. begun: the run's time, s, at the first look after torque went on."""
+    """The observations. begun: the run's time, s, at the first look after torque went on."""
     log, world = witness.log, witness.simulation.world
     time = log.column("time")
     later = begun - float(time[0]) if log.rows else 0.0

@@ -121,7 +121,7 @@ def build_world(
 
 
 def robot_drives(robot: RobotBody, *, stiffness_scale: float = 1.0) -> tuple[Drive, ...]:
-    """Return the servos of a robot with motors and loops, in servo order; stiffness_scale: of the profile's
+    """The servos of a robot with motors and loops, in servo order; stiffness_scale: of the profile's
     stiffness."""
     return tuple(
         Drive(servo, drive_numbers(servo.model), position_loop(servo), stiffness_scale * loop_stiffness(servo))
@@ -130,7 +130,7 @@ def robot_drives(robot: RobotBody, *, stiffness_scale: float = 1.0) -> tuple[Dri
 
 
 def _placed(robot: RobotBody, stance: Stance, mount: Mount) -> Pose:
-    """Return the first pose of the root link: soles on the floor, or `lift` above it."""
+    """The first pose of the root link: soles on the floor, or `lift` above it."""
     if robot.profile.root == "free":
         position, quat = stance.q[:3], stance.q[3:7]
     else:  # as the body file has it
@@ -142,7 +142,7 @@ def _placed(robot: RobotBody, stance: Stance, mount: Mount) -> Pose:
 
 
 def _lift(robot: RobotBody, mount: Mount) -> float:
-    """Return the height of the start above standing, m. A body file with a fixed root has its height, unless stretched
+    """The height of the start above standing, m. A body file with a fixed root has its height, unless stretched
     legs would touch the floor from there."""
     if mount.support is Support.FLOOR:
         return 0.0
@@ -237,7 +237,7 @@ def _world(
 
 
 def hand_links(robot: RobotBody) -> frozenset[str]:
-    """Return the links of a robot that follow the performer's hands."""
+    """The links of a robot that follow the performer's hands."""
     hands = robot.landmark_frames(tuple(name for name in HAND_LANDMARKS if name in robot.profile.landmarks))
     return frozenset(robot.body.body_names[robot.frame(frame).body] for frame in hands)
 
