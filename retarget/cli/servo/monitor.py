@@ -104,7 +104,7 @@ def shown(servos: list[ServoSpec], states: ServoStates, watch: BusWatch, rate: f
         )
     low, high = watch.times()
     imu = [] if states.imu is None else [Text(imu_line(states.imu))]
-    line = f"cycle p50 {1e3 * low:.2f} ms, p99 {1e3 * high:.2f} ms; {rate:g} Hz asked; {watch.retries} retries"
+    line = f"cycle p50 {1e3 * low:.2f} ms, p99 {1e3 * high:.2f} ms; {rate:g} Hz requested; {watch.retries} retries"
     return Group(table, *imu, Text(line))
 
 
@@ -115,7 +115,7 @@ def imu_line(imu: ImuSample) -> str:
     roll, pitch = map(math.degrees, imu.tilt)
     turn, force = (", ".join(f"{one:.2f}" for one in values) for values in (imu.angular_velocity, imu.acceleration))
     old = "" if imu.valid else f"; not valid, {imu.age:.2f} s old"
-    return f"IMU: {roll:+.1f} degrees to the right, {pitch:+.1f} forward; turns {turn} rad/s; feels {force} m/s^2{old}"
+    return f"IMU: {roll:+.1f} degrees to the right, {pitch:+.1f} forward; turns {turn} rad/s; acceleration {force} m/s^2{old}"
 
 
 def _number(value: float, digits: int) -> str:
