@@ -151,10 +151,11 @@ def test_an_interrupt_of_a_recorded_motion(trial: str, at: float, shared: Path) 
     assert_stands_well(run)
 
 
-def test_a_stop_is_over_when_its_goals_stand_not_its_posture_alone() -> None:
-    """Where goals make up for a load they may go on after the posture that they hold."""
-    options, clock = RunOptions(robot="wolfgang", priorities="balanced"), VirtualClock()
-    with prepare(lambda: synthetic_performer().cut(0.0, 3.3), options, clock=clock, make_bus=mock_bus) as prepared:
+@pytest.mark.parametrize(("robot", "end"), [("wolfgang", 2.9), ("wolfgang", 5.2), ("op3", 2.6)])
+def test_a_stop_is_over_when_its_goals_stand_not_its_posture_alone(robot: str, end: float) -> None:
+    """Goals that make up for a load may go on after the posture that they hold."""
+    options, clock = RunOptions(robot=robot, priorities="balanced"), VirtualClock()
+    with prepare(lambda: synthetic_performer().cut(0.0, end), options, clock=clock, make_bus=mock_bus) as prepared:
         run = prepared.run()
     assert limits_broken(run) == LimitViolations(position=0, velocity=0, acceleration=0)
 
