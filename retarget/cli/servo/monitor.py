@@ -115,7 +115,8 @@ def imu_line(imu: ImuSample) -> str:
     roll, pitch = map(math.degrees, imu.tilt)
     turn, force = (", ".join(f"{one:.2f}" for one in values) for values in (imu.angular_velocity, imu.acceleration))
     old = "" if imu.valid else f"; not valid, {imu.age:.2f} s old"
-    return f"IMU: {roll:+.1f} degrees to the right, {pitch:+.1f} forward; turns {turn} rad/s; acceleration {force} m/s^2{old}"
+    tilt = f"{roll:+.1f} degrees to the right, {pitch:+.1f} forward"
+    return f"IMU: {tilt}; turns {turn} rad/s; acceleration {force} m/s^2{old}"
 
 
 def _number(value: float, digits: int) -> str:
