@@ -76,7 +76,8 @@ def program(H: Array, f: Array, A: Array, lower: Array, upper: Array) -> Array:
         else:
             basis = np.vstack([basis, left / np.linalg.norm(left)])
     sense = np.where(same, EQUALITY, 0).astype(np.int32)[kept]
-    A, low, high = np.ascontiguousarray(A[kept]), low[kept], high[kept]
+    length = np.maximum(np.linalg.norm(A[kept], axis=1), 1e-12)  # daqp's tolerance counts in units of the rows
+    A, low, high = np.ascontiguousarray(A[kept] / length[:, None]), low[kept] / length, high[kept] / length
     x, _, flag, _ = daqp.solve(H, f, A, high, low, sense, primal_tol=1e-10, dual_tol=1e-12, eps_prox=0.0)
     if flag < 1:
         raise ValueError(f"daqp gave up with flag {flag}")

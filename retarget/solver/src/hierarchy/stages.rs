@@ -5,6 +5,10 @@ use super::problem::Problem;
 
 /// A limit or a target is met within this, for a row of length one.
 const MET: f64 = 1e-11;
+/// x is computed anew before a limit that it seems to be just beyond, if it has drifted this far from limits that it is at.
+const DRIFT: f64 = 1e-12;
+/// Rounding of a value that is computed from x, as a share of the length of x.
+const LAST_DIGITS: f64 = 1e-14;
 /// A row depends on others if at most this share of its length is independent of them.
 const DEPENDENT: f64 = 1e-8;
 /// Damping of a level of limits alone, in units of its rows. It is small, so that feasible limits are kept exactly.
@@ -63,8 +67,11 @@ pub struct Stages {
     /// Bounds of rows after earlier stages: the values that targets reached, and limits no tighter than they are kept.
     pub lower: Vec<f64>,
     pub upper: Vec<f64>,
-    /// The point where the stage is.
+    /// The point where the stage is, and where it was before any limit was held.
     x: Vec<f64>,
+    unlimited: Vec<f64>,
+    /// A limit is met within this: MET, or more where x is so long that rounding is.
+    met: f64,
     /// A point that keeps the values of all earlier stages.
     kept: Vec<f64>,
     damping: f64,
@@ -375,21 +382,31 @@ impl Stages {
         self.held.clear();
         self.forces.clear();
         self.ignored.clear();
-        let mut next = 0;
+        self.unlimited.clone_from(&self.x);
+        self.met = self.rounding();
+        let (mut next, mut exact) = (0, true);
         let found = loop {
             let mut chosen = None;
             while next < self.likely.len() && chosen.is_none() {
                 let limit = self.likely[next];
                 next += 1;
                 let acts = limit.index < p.n || self.slack[limit.index - p.n] == NONE;
-                if acts && self.violation(p, limit) > MET && self.is_here(p, limit) {
+                if acts && self.violation(p, limit) > self.met && self.is_here(p, limit) {
                     chosen = Some(limit);
                 }
             }
-            match chosen.or_else(|| self.worst(p)) {
-                None => break true,
-                Some(limit) if !self.hold(p, limit) => break false,
-                Some(_) => {}
+            let Some(limit) = chosen.or_else(|| self.worst(p)) else { break true };
+            let held = self.held.contains(&limit);
+            let near = held || self.violation(p, limit) < ROUNDING;
+            if near && !exact && self.drift(p) > DRIFT {
+                self.remove_drift(p);
+                exact = true;
+            } else if held {
+                self.ignored.push(limit);
+            } else if self.hold(p, limit) {
+                exact = false;
+            } else {
+                break false;
             }
         };
         for limit in self.held.iter().filter(|limit| limit.index >= p.n) {
@@ -399,6 +416,51 @@ impl Stages {
             self.take_feasible(p);
         }
         found
+    }
+
+    /// Compute x and the forces of the held limits anew. Each step adds its rounding to both, until limits that are met seem violated.
+    #[inline(always)]
+    fn remove_drift(&mut self, p: &Problem) {
+        self.x.clone_from(&self.unlimited);
+        self.back.clear();
+        for j in 0..self.held.len() {
+            let column = &self.triangle[j * self.most..j * self.most + j + 1];
+            let met = self.back.iter().zip(column).fold(0.0, |sum, (back, entry)| sum + back * entry);
+            self.back.push((self.violation(p, self.held[j]) - met) / column[j]);
+        }
+        let first = self.soft * self.width;
+        add_rows(&mut self.x, 1.0, &self.back, &self.own[first..first + self.held.len() * self.width]);
+        self.met = self.rounding();
+        self.moved = f64::INFINITY; // `due` of rows no longer holds
+        self.divide_by_triangle();
+        for (force, back) in self.forces.iter_mut().zip(&self.back) {
+            *force = back.max(0.0);
+        }
+    }
+
+    /// Distance of x from the held limit that it is farthest from.
+    #[inline(always)]
+    fn drift(&self, p: &Problem) -> f64 {
+        self.held.iter().fold(0.0, |most: f64, limit| most.max(self.violation(p, *limit).abs()))
+    }
+
+    /// The violation below which limits are met.
+    #[inline(always)]
+    fn rounding(&self) -> f64 {
+        MET.max(LAST_DIGITS * dot(&self.x, &self.x).sqrt())
+    }
+
+    /// `back`, which is in the basis of held limits, becomes the share of each held limit.
+    #[inline(always)]
+    fn divide_by_triangle(&mut self) {
+        for j in (0..self.back.len()).rev() {
+            let column = &self.triangle[j * self.most..j * self.most + j + 1];
+            let value = self.back[j] / column[j];
+            self.back[j] = value;
+            for (back, entry) in self.back[..j].iter_mut().zip(column) {
+                *back -= entry * value;
+            }
+        }
     }
 
     /// True if the limit is one of this stage.
@@ -433,7 +495,7 @@ impl Stages {
     /// The limit that x is farthest beyond.
     #[inline(always)]
     fn worst(&mut self, p: &Problem) -> Option<Limit> {
-        let (mut most, mut found) = (MET, None);
+        let (mut most, mut found) = (self.met, None);
         let ignored = &self.ignored;
         let mut consider = |index: usize, below: f64, above: f64| {
             let limit = Limit { index, upper: above > below };
@@ -496,14 +558,7 @@ impl Stages {
             let left2 = dot(&self.work, &self.work);
             self.back.clear();
             self.back.extend_from_slice(&self.coefficients[first..first + count]);
-            for j in (0..count).rev() {
-                let column = &self.triangle[j * self.most..j * self.most + j + 1];
-                let value = self.back[j] / column[j];
-                self.back[j] = value;
-                for (back, entry) in self.back[..j].iter_mut().zip(column) {
-                    *back -= entry * value;
-                }
-            }
+            self.divide_by_triangle();
             // Step lengths at which the multiplier of a held limit gets negative, and at which this limit is met.
             let (mut most, mut dropped) = (f64::INFINITY, 0);
             for j in 0..count {
@@ -512,7 +567,10 @@ impl Stages {
                 }
             }
             let violation = self.violation(p, limit);
-            let whole = if left2 > 1e-14 && vectors < self.most { violation / left2 } else { f64::INFINITY };
+            // A slack is in no other vector, so that its limit depends on none.
+            let slack = limit.index >= p.n && self.slack[limit.index - p.n] != NONE;
+            let independent = (slack || left2 > 1e-14) && vectors < self.most;
+            let whole = if independent { violation / left2 } else { f64::INFINITY };
             let step = most.min(whole);
             if !step.is_finite() {
                 self.ignored.push(limit);
