@@ -5,7 +5,7 @@ use super::problem::Problem;
 
 /// A limit or a target is met within this, for a row of length one.
 const MET: f64 = 1e-11;
-/// x is computed anew before a limit that it seems to be just beyond, if it has drifted this far from limits that it is at.
+/// Where x has drifted this far from a limit that it is to be at, it is computed anew before another counts as violated by a little.
 const DRIFT: f64 = 1e-12;
 /// Rounding of a value that is computed from x, as a share of the length of x.
 const LAST_DIGITS: f64 = 1e-14;

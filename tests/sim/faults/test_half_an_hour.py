@@ -1,4 +1,4 @@
-"""An hour of a live performer on virtual time: nothing grows, nothing drifts, and no late tick goes unseen."""
+"""Half an hour of a live performer on virtual time: nothing grows, nothing drifts, and no late tick goes unseen."""
 
 import resource
 import sys
@@ -19,7 +19,7 @@ from sim.faults.sender import STILL_S, FakeSender, Poses
 
 pytestmark = pytest.mark.long
 
-HOUR_S = 3600.0
+LASTS_S = 1800.0
 ROUND_S = 60.0
 """The performer goes through the motion and back, and stands for a moment at either end of it."""
 DWELL_S = 2.0
@@ -28,10 +28,10 @@ WARM_S = 660.0
 """By then everything that is remembered for the report has been."""
 STALL_S, EVERY_S = 0.05, 300.0
 LATE_TICKS = 5
-GROWTH_MB = 4.0
-GROWTH_BLOCKS = 5000
+GROWTH_MB = 2.0
+GROWTH_BLOCKS = 2500
 TICKS = 3
-MOST_TICKS = 500_000
+MOST_TICKS = 250_000
 
 
 def progress(time: float) -> float:
@@ -103,9 +103,9 @@ class Diary:
         self._write(goals)
 
 
-def test_an_hour_is_as_its_first_minutes() -> None:
+def test_half_an_hour_is_as_its_first_minutes() -> None:
     sender = NoisySender()
-    rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=HOUR_S))
+    rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=LASTS_S))
     sender.rig = rig
     with rig.prepared() as prepared:
         diary = Diary(rig, sender)
@@ -114,15 +114,15 @@ def test_an_hour_is_as_its_first_minutes() -> None:
 
     warm = next(row for row, (time, *_) in enumerate(diary.memory) if time >= WARM_S)
     time, resident, blocks = (np.array(column) for column in zip(*diary.memory[warm:], strict=True))
-    assert time[-1] > HOUR_S - 2.0 * ROUND_S
+    assert time[-1] > LASTS_S - 2.0 * ROUND_S
     assert resident.max() - resident[0] < GROWTH_MB, resident.round(1).tolist()
     assert np.median(blocks[-10:]) - np.median(blocks[:10]) < GROWTH_BLOCKS, blocks.tolist()
 
     goals = np.array([goals for _, goals in diary.turns])
-    assert len(goals) >= HOUR_S / ROUND_S - 2.0
+    assert len(goals) >= LASTS_S / ROUND_S - 2.0
     assert np.ptp(goals, axis=0).max() <= TICKS, np.ptp(goals, axis=0).tolist()
     _, _, missed = pace(diary.times[: diary.ticks], result.clip.dt) or (0.0, 0.0, 0)
     late = len(sender.stalls)
-    assert late >= HOUR_S / EVERY_S - 1.0
+    assert late >= LASTS_S / EVERY_S - 1.0
     assert late * LATE_TICKS <= missed <= late * (LATE_TICKS + 2)
     assert sum(text.startswith("the performer is not followed: the robot holds") for text in rig.said) == late
