@@ -5,7 +5,7 @@ use super::problem::Problem;
 
 /// A limit or a target is met within this, for a row of length one.
 const MET: f64 = 1e-11;
-/// Where x has drifted this far from a limit that it is to be at, it is computed anew before another counts as violated by a little.
+/// Once x is this far from a limit that is held, it is computed anew before a small violation counts.
 const DRIFT: f64 = 1e-12;
 /// Rounding of a value that is computed from x, as a share of the length of x.
 const LAST_DIGITS: f64 = 1e-14;
@@ -29,7 +29,8 @@ pub struct Outcome {
     /// Limits that entered or left the active set.
     pub steps: u32,
     /// The budget was spent, and the solution keeps the box and all limits that standing still keeps. Or rounding left a limit
-    /// violated, and the solution keeps the box and the values of the stages before.
+    /// violated, or more than MOST_TRADED limits of a level conflict, and the solution keeps the box and the values of the stages
+    /// before.
     pub capped: bool,
 }
 
@@ -383,7 +384,7 @@ impl Stages {
         self.forces.clear();
         self.ignored.clear();
         self.unlimited.clone_from(&self.x);
-        self.met = self.rounding();
+        self.met = self.tolerance();
         let (mut next, mut exact) = (0, true);
         let found = loop {
             let mut chosen = None;
@@ -396,12 +397,12 @@ impl Stages {
                 }
             }
             let Some(limit) = chosen.or_else(|| self.worst(p)) else { break true };
-            let held = self.held.contains(&limit);
-            let near = held || self.violation(p, limit) < ROUNDING;
-            if near && !exact && self.drift(p) > DRIFT {
+            let is_held = self.held.contains(&limit);
+            let by_drift = is_held || self.violation(p, limit) < ROUNDING && self.drift(p) > DRIFT;
+            if by_drift && !exact {
                 self.remove_drift(p);
                 exact = true;
-            } else if held {
+            } else if is_held {
                 self.ignored.push(limit);
             } else if self.hold(p, limit) {
                 exact = false;
@@ -421,6 +422,8 @@ impl Stages {
     /// Compute x and the forces of the held limits anew. Each step adds its rounding to both, until limits that are met seem violated.
     #[inline(always)]
     fn remove_drift(&mut self, p: &Problem) {
+        self.again.clear();
+        self.again.extend_from_slice(&self.x[..p.stride]);
         self.x.clone_from(&self.unlimited);
         self.back.clear();
         for j in 0..self.held.len() {
@@ -430,11 +433,12 @@ impl Stages {
         }
         let first = self.soft * self.width;
         add_rows(&mut self.x, 1.0, &self.back, &self.own[first..first + self.held.len() * self.width]);
-        self.met = self.rounding();
-        self.moved = f64::INFINITY; // `due` of rows no longer holds
+        self.met = self.tolerance();
+        add_scaled(&mut self.again, -1.0, &self.x[..p.stride]);
+        self.moved += dot(&self.again, &self.again).sqrt();
         self.divide_by_triangle();
         for (force, back) in self.forces.iter_mut().zip(&self.back) {
-            *force = back.max(0.0);
+            *force = back.max(0.0); // it was positive but for rounding
         }
     }
 
@@ -446,7 +450,7 @@ impl Stages {
 
     /// The violation below which limits are met.
     #[inline(always)]
-    fn rounding(&self) -> f64 {
+    fn tolerance(&self) -> f64 {
         MET.max(LAST_DIGITS * dot(&self.x, &self.x).sqrt())
     }
 
@@ -567,10 +571,10 @@ impl Stages {
                 }
             }
             let violation = self.violation(p, limit);
-            // A slack is in no other vector, so that its limit depends on none.
-            let slack = limit.index >= p.n && self.slack[limit.index - p.n] != NONE;
-            let independent = (slack || left2 > 1e-14) && vectors < self.most;
-            let whole = if independent { violation / left2 } else { f64::INFINITY };
+            // A slack of its own is in none of the vectors yet, so that a limit with one is independent of them.
+            let has_slack = limit.index >= p.n && self.slack[limit.index - p.n] != NONE;
+            let least = if has_slack { 0.0 } else { 1e-14 };
+            let whole = if left2 > least && vectors < self.most { violation / left2 } else { f64::INFINITY };
             let step = most.min(whole);
             if !step.is_finite() {
                 self.ignored.push(limit);
