@@ -62,6 +62,8 @@ def inspect(
         show(summary, console())
     if refused is not None:
         raise refused
+    if not streamed and not as_json:
+        echo("a run accepts it")
 
 
 def _refused(frames: SensorFrames, options: RunOptions) -> RetargetError | None:

@@ -308,7 +308,7 @@ class Announcer(RunObserver):
 def _again(stop: Stop | None) -> str:
     """The number of presses of Ctrl-C that switch torque off, in words."""
     pressed = stop is not None and stop.reason in (*REASONS.values(), *SUSPENDED.values())
-    return "once more" if pressed else "twice, a second apart"
+    return "once more" if pressed else "twice, 1.2 s or more apart"
 
 
 @contextmanager

@@ -43,7 +43,7 @@ def socket_path(text: str | None) -> "Path":
         raise UsageError(
             "XDG_RUNTIME_DIR is not set, so the socket has no usual path",
             where=WHERE,
-            next_step="Give a path, here and to `retarget stop`",
+            next_step="Give one: `retarget run --control-socket PATH` and `retarget stop PATH`",
         )
     length = len(os.fsencode(path))
     if length > MAX_PATH or "\0" in path:

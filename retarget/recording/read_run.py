@@ -22,6 +22,7 @@ from retarget.recording.motion import Motion, posture, quaternion_columns, unit_
 from retarget.recording.npz import NO_RUN, NO_SERVO, joints_and_root, read_arrays, refuse_no_file, run_arrays
 from retarget.recording.reading import (
     MAGIC,
+    MOVED_BODY,
     Recording,
     TopicRows,
     postures_sent,
@@ -142,9 +143,13 @@ def _npz_posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows
     try:
         return posture(model, names, joints, root)
     except ConfigError as error:
-        step = "Give the body that was moved: --body FILE.xml"
-        what = "joints and body do not belong together"
-        raise InputError(what, where=file.source, found=error, next_step=step) from error
+        raise InputError(
+            "joints and body do not belong together",
+            where=file.source,
+            found=", ".join(problem.found for problem in error.problems),
+            allowed=f"joints of {model.source}",
+            next_step=MOVED_BODY,
+        ) from error
 
 
 def _body_place(file: ArrayFile, path: Path, body: Path | None) -> Path:

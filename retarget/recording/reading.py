@@ -298,6 +298,8 @@ def _log_of(data: bytes) -> tuple[str, str]:
     return values[0], values[1]
 
 
+MOVED_BODY = "Give the robot that was moved: --robot NAME, or --body FILE.xml"
+"""A next step; commands have one of the two options."""
 MOST_CYCLES = 50_000_000
 """Four days at 125 Hz."""
 
@@ -321,7 +323,7 @@ def postures_sent(found: Recording, robot: RobotBody, rows: NDArray[np.intp]) ->
             "joints and body do not belong together",
             where=str(found.path),
             found=f"{sum(recorded)} coordinates, {body.source} has {body.nq}",
-            next_step="Give the body that was moved: --body FILE.xml",
+            next_step=MOVED_BODY,
         )
     return sent_postures(robot, cycles)
 

@@ -179,7 +179,9 @@ class RunOptions:
         if not self.gate and not self.simulated:
             raise UsageError("no goal goes to real servos unchecked", where="--no-gate", found=bus)
         if self.stand_at_end and self.torque_off_at_end:
-            raise UsageError("a run has one end", where="--stand-at-end", found="--torque-off-at-end as well")
+            step = "Leave one out; --no-stand-at-end undoes what a session file says"
+            found = "--torque-off-at-end as well"
+            raise UsageError("a run has one end", where="--stand-at-end", found=found, next_step=step)
         if self.legs is not None:
             self._check_free_legs()
         if self.steps == "walk" and self.scene is not None:

@@ -261,6 +261,8 @@ def prepare_for(
     for_human, for_robot, on_priorities = stage_priorities(robot, options)
     scene = scene_of(robot, options)
     of_robot = () if robot is None else (*robot.body.notes, *on_priorities)
+    if robot is not None and not options.gate:
+        of_robot = (*of_robot, "--no-gate: no goal was checked, and a real robot could hit itself")
     _notify_all(of_robot, notify)  # before a performer gets into the pose
     human = _human(perform(performer, robot), performer, for_human, options, clock, scene if robot is None else None)
     _notify_all(human.notes, notify)

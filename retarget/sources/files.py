@@ -39,6 +39,8 @@ class ReadOptions:
     performer_root: str | None = None
 
 
+SAVED_RUN = "`retarget view`, `judge` and `export` read it"
+"""A next step."""
 AS_WRITTEN = ReadOptions()
 
 

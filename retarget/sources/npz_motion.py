@@ -22,6 +22,7 @@ from retarget.sources.files import (
     AS_WRITTEN,
     HEAD_BYTES,
     MAX_VALUE,
+    SAVED_RUN,
     ReadOptions,
     assumed_rate,
     check_frame_count,
@@ -96,6 +97,8 @@ def _keys_to_read(names: Collection[str], path: Path) -> Collection[str]:
         return JOINT_KEYS
     if set(names) >= KIMODO_KEYS:
         return KIMODO_KEYS
+    if "root_quaternion" in names:
+        raise InputError("a saved run is no motion of a performer", where=str(path), next_step=SAVED_RUN)
     found = ", ".join(sorted(name[:40] for name in names)[:12]) or "no array"
     raise InputError(
         "arrays of no known motion",

@@ -19,7 +19,7 @@ from retarget.sources.axes import named_axis
 from retarget.sources.bvh import read_bvh
 from retarget.sources.c3d import read_c3d
 from retarget.sources.canonical import named_unit
-from retarget.sources.files import HEAD_BYTES, ReadOptions, check_rate, read_bytes
+from retarget.sources.files import HEAD_BYTES, SAVED_RUN, ReadOptions, check_rate, read_bytes
 from retarget.sources.gltf import read_gltf
 from retarget.sources.mvnx import read_mvnx
 from retarget.sources.npz_motion import read_npz
@@ -191,8 +191,10 @@ _CONVERSIONS = {
 
 
 def _refuse_foreign(path: Path, head: bytes, suffix: str) -> None:
-    """Raise InputError for a pickle (reading it runs code), FBX (no open specification) and a single array."""
+    """Raise InputError for a pickle (reading it runs code), FBX (no open specification), a single array and a run."""
     allowed, made = ", ".join(FORMATS), f"{path.stem}_motion.npz"
+    if head.startswith(b"\x89MCAP"):
+        raise InputError("a recorded run is no motion of a performer", where=str(path), next_step=SAVED_RUN)
     if head.startswith((b"Kaydara FBX", b"; FBX")) or suffix == "fbx":
         step = "Convert it to BVH or GLB, for example with Blender: import FBX, export glTF 2.0"
         raise InputError("FBX is not read", where=str(path), allowed=allowed, next_step=step)

@@ -31,7 +31,9 @@ ROUGH_BLOCKS = range(50_000, 50_100, BLOCK)
 
 def assert_right(seeds: range, changes: tuple[Change, ...] = CHANGES) -> None:
     """Every seed's answer is the one of the same programs by daqp, which gives up some."""
-    faults, rounded, unsolved = [], [], 0
+    faults: list[str] = []
+    rounded: list[str] = []
+    unsolved = 0
     for seed in seeds:
         problem = random_hierarchy(seed, changes)
         for damping in DAMPINGS:
