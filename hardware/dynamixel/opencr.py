@@ -14,7 +14,6 @@ from hardware.imu import STANDARD_GRAVITY, ImuReading, ImuSpec, ImuTracker, from
 
 ID, NUMBER = 200, 0x7400
 """As delivered."""
-POWER = 24
 IMU_CONTROL = 50
 GYRO_UNIT = math.radians(2000.0 / 32800.0)
 """[rad/s] per count."""

@@ -147,11 +147,11 @@ BY_ID = Path("/dev/serial/by-id")
 """Stable links to ports."""
 
 
-def stable_name(path: str, links: Path = BY_ID) -> str:
+def stable_name(path: str) -> str:
     """The stable link to a port, if any."""
     with suppress(OSError):
         target = Path(path).resolve()
-        return next((str(link) for link in sorted(links.iterdir()) if link.resolve() == target), path)
+        return next((str(link) for link in sorted(BY_ID.iterdir()) if link.resolve() == target), path)
     return path
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 
-from hardware.clock import Clock, MonotonicClock
+from hardware.clock import MonotonicClock
 from retarget.batch.clip import BatchClip, BatchSettings, ClipRow, ClipStatus
 from retarget.batch.index import BatchIndex, remove_parts, still_to_do
 
@@ -50,11 +50,10 @@ def run_batch(
     *,
     retry_failed: bool = False,
     look: Callable[[BatchTally, ClipRow | None], None] = lambda tally, row: None,
-    clock: Clock | None = None,
 ) -> BatchTally:
     """Run the remaining clips, and keep each row in the index. look: receives the tally at the beginning and with each
     row. Raises RetargetError if no clip can be begun, or an output would replace a file of another source."""
-    clock = clock or MonotonicClock()
+    clock = MonotonicClock()
     known = index.known()
     todo = still_to_do(clips, settings, known, retry_failed=retry_failed)
     index.begin(todo.clips, settings, known)

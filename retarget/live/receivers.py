@@ -11,7 +11,6 @@ from contextlib import suppress
 from dataclasses import replace
 from math import fsum
 from operator import attrgetter
-from pathlib import Path
 
 from hardware.clock import wall_to_monotonic
 from hardware.processes import MOST_PROCESSES, PROCESSES, named_process
@@ -83,19 +82,19 @@ def _not_bound(address: StreamAddress, error: OSError) -> InputError:
 MOST_SOCKETS = 100_000  # bound of a search
 
 
-def port_holder(port: int, processes: Path = PROCESSES) -> str:
+def port_holder(port: int) -> str:
     """The processes that listen on a UDP port (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
     sockets, found = set[str](), list[str]()
     for table in ("udp", "udp6"):
-        with suppress(OSError), (processes / "net" / table).open(encoding="ascii", errors="replace") as lines:
+        with suppress(OSError), (PROCESSES / "net" / table).open(encoding="ascii", errors="replace") as lines:
             for line in itertools.islice(lines, 1, MOST_SOCKETS):
                 words = line.split()  # the columns `local_address` and `inode`
                 if len(words) > 9 and words[1].endswith(f":{port:04X}"):
                     sockets.add(f"socket:[{words[9]}]")
-    for process in itertools.islice(processes.glob("[0-9]*"), MOST_PROCESSES) if sockets else ():
+    for process in itertools.islice(PROCESSES.glob("[0-9]*"), MOST_PROCESSES) if sockets else ():
         with suppress(OSError):
             if any(str(link.readlink()) in sockets for link in (process / "fd").iterdir()):
-                found.append(named_process(process.name, processes))
+                found.append(named_process(process.name))
     return ", ".join(sorted(found)) or "another process"
 
 

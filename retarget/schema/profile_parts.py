@@ -151,6 +151,10 @@ class Power(Schema):
     wait_s: Annotated[NotNegative, Field(le=10)] = 0.5
     """[s] Starting time of the servos."""
 
+    def switch(self) -> PowerSwitch:
+        """What the bus layer takes."""
+        return PowerSwitch(id=self.id, register=self.register_, value=self.value, wait=self.wait_s)
+
 
 class Bus(Schema):
     """A line of servos."""
@@ -189,7 +193,7 @@ class Bus(Schema):
             ids=self.ids,
             watchdog=watchdog,
             return_delay=self.return_delay_us * 1e-6,
-            power=None if self.power is None else PowerSwitch(*self.power.model_dump().values()),
+            power=None if self.power is None else self.power.switch(),
         )
 
 

@@ -75,10 +75,8 @@ class PosePlan:
     lost: tuple[int, ...]
 
 
-def plan_poses(
-    definitions: Definitions, groups: Sequence[PoseGroup], numbers: Sequence[int], *, limit: int = MAX_POSES
-) -> PosePlan:
-    """The plan for these groups and their wire numbers, each name once, at most `limit` of them.
+def plan_poses(definitions: Definitions, groups: Sequence[PoseGroup], numbers: Sequence[int]) -> PosePlan:
+    """The plan for these groups and their wire numbers, each name once, at most MAX_POSES of them.
 
     Names are `rigid://NAME`, `bone://SKELETON/BONE` or `asset://ASSET/BODY`, with `#NUMBER` for a name that is unknown
     or taken."""
@@ -107,7 +105,7 @@ def plan_poses(
         key = (group.owner, group.number, number)
         found.append((text, key, body is not None, (*key[:2], parent) if has_parent else None))
         first.setdefault(text, row)
-    rows = list(first.values())[:limit]
+    rows = list(first.values())[:MAX_POSES]
     kept = [found[row] for row in rows]
     places = {key: row for row, (_, key, _, _) in enumerate(kept)}
     waiting = {row: places.get(parent) for row, (_, _, _, parent) in enumerate(kept) if parent is not None}
