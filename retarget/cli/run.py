@@ -258,7 +258,8 @@ def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None) ->
     for problem in written.problems:
         echo(f"error: {problem}", err=True)
     look = written.first
-    next_step = NEXT_STEP if look is None else f"{'Open' if look.suffix == '.html' else 'Look at'} {look}"
+    makes_page = "--report DIR makes a page of it" + ("" if outputs.verbose else ", --verbose prints every figure")
+    next_step = makes_page if look is None else f"{'Open' if look.suffix == '.html' else 'Look at'} {look}"
     echo(f"{sentence(run, report)}. {next_step}")
     return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
 
@@ -268,9 +269,6 @@ def _watched(what: str, total: int) -> Iterator[Callable[[int], None]]:
     """Show the progress of a file, which any signal interrupts."""
     with interruptible(), progress_bar(what, total) as show:
         yield show
-
-
-NEXT_STEP = "--report DIR makes a page of it, --verbose prints every figure"
 
 
 def show_summary(run: RunResult, report: Report, lines: RunLines) -> None:

@@ -227,9 +227,9 @@ def plot_balance(run: RunResult) -> Figure | None:
     figure, above, time = _over_soles(f"{robot.profile.name}: centre of mass over the support polygon{planned}")
     _outlines(above, stand.footprints(), "support polygon")
     rows, com, outside = thinned(len(stand.com)), MM * stand.com, stand.margin < -motion_metrics.OUTSIDE_M
-    above.plot(-com[rows, 1], com[rows, 0], color=REACHED, linewidth=0.9, label="centre of mass")
+    above.plot(com[rows, 1], com[rows, 0], color=REACHED, linewidth=0.9, label="centre of mass")
     if outside.any():
-        above.plot(-com[outside, 1], com[outside, 0], ".", color=WARNING, markersize=4, label="outside")
+        above.plot(com[outside, 1], com[outside, 0], ".", color=WARNING, markersize=4, label="outside")
     _finish_above(above)
     margin = MM * stand.margin
     time.plot(run.record.time[rows], margin[rows], color=REACHED, linewidth=1.0)
@@ -255,8 +255,8 @@ def plot_pressure(run: RunResult) -> Figure | None:
     stands = physics.time <= (np.inf if fall is None else fall.time)
     rows = thinned(int(np.count_nonzero(stands)))
     pressure, com = MM * physics.pressure[rows], MM * physics.com[rows]
-    above.plot(-pressure[:, 1], pressure[:, 0], color=REACHED, linewidth=0.7, label="pressure")
-    above.plot(-com[:, 1], com[:, 0], color="black", linewidth=0.9, label="centre of mass")
+    above.plot(pressure[:, 1], pressure[:, 0], color=REACHED, linewidth=0.7, label="pressure")
+    above.plot(com[:, 1], com[:, 0], color="black", linewidth=0.9, label="centre of mass")
     _finish_above(above)
     rows = thinned(len(physics.time))
     time.plot(physics.time[rows], MM * physics.margin[rows], color=REACHED, linewidth=0.8)
@@ -285,17 +285,19 @@ def _outlines(axes: Axes, footprints: Sequence[FloatArray], hull_label: str) -> 
     """Draw footprints (c, 3), m, and their hull if the robot made no step. Forward is up, left is left."""
     soles = [MM * sole for sole in footprints]
     for sole in soles:
-        axes.fill(-sole[:, 1], sole[:, 0], facecolor="#dddddd", edgecolor="#999999", linewidth=0.8)
+        label = "soles" if sole is soles[0] else None
+        axes.fill(sole[:, 1], sole[:, 0], facecolor="#dddddd", edgecolor="#999999", linewidth=0.8, label=label)
     if len(soles) > BOTH:
         return
     hull = convex_hull(np.concatenate(soles)[:, :2])
     closed = np.vstack([hull, hull[:1]])
-    axes.plot(-closed[:, 1], closed[:, 0], color=MIDDLE, linewidth=1.0, linestyle="--", label=hull_label)
+    axes.plot(closed[:, 1], closed[:, 0], color=MIDDLE, linewidth=1.0, linestyle="--", label=hull_label)
 
 
 def _finish_above(axes: Axes) -> None:
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("left  -  right [mm]", fontsize=9)
+    axes.invert_xaxis()  # left is left, and positive
+    axes.set_xlabel("left [mm]", fontsize=9)
     axes.set_ylabel("forward [mm]", fontsize=9)
     axes.set_title("from above", fontsize=10, loc="left")
     plain(axes)
