@@ -28,6 +28,7 @@ from retarget.live.admission import (
     NEW_SOCKETS,
     NOT_ALLOWED,
     SECOND_SOURCE,
+    TOO_LONG,
     Admission,
     Datagram,
     Receiver,
@@ -41,6 +42,7 @@ from retarget.live.stream_report import advice_for
 from retarget.sources.streams.datagram_kinds import Recognised, recognise
 from retarget.sources.streams.natnet_wire import MessageId, Version, split
 from retarget.sources.streams.raw_record import RawReader, RawWriter
+from retarget.sources.streams.stream_frame import MAX_DATAGRAM
 
 # Real datagrams over loopback: nothing sleeps, every wait is a bounded `select`.
 
@@ -279,6 +281,12 @@ LAN = (IPv4Network("192.168.1.0/24"),)
 
 def admit(admission: Admission, source: Source, now: float = 0.0, *, moving: bool = False, size: int = 100) -> bool:
     return admission.admit(Datagram(now, source, bytes(size)), now=now, moving=moving)
+
+
+@pytest.mark.parametrize("size", [0, MAX_DATAGRAM + 1])
+def test_a_datagram_of_no_possible_size_is_refused(size: int) -> None:
+    admission = owned()
+    assert not admit(admission, A, size=size) and admission.refused.reasons == {TOO_LONG: 1}
 
 
 def owned() -> Admission:

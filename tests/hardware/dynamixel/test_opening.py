@@ -152,6 +152,13 @@ def test_wheel_mode_of_protocol_1_is_refused_and_it_is_noted_to_have_no_watchdog
     shows(rig.ready().notes, 1)
 
 
+def test_multi_turn_mode_of_protocol_1_is_refused() -> None:
+    rig = BusRig(specs(2, "MX-28"), protocol=1)
+    rig.put(2, cw_angle_limit=4095, ccw_angle_limit=4095)
+    with refuses(BusError, "j2", 2):
+        rig.bus.open()
+
+
 def test_everything_is_said_at_once_on_all_ports() -> None:
     servos = [*specs(6), spec(7, bus="arms"), spec(8, bus="arms"), spec(9, bus="head")]
     rig = BusRig(servos, unknown_ids=[spec(40)])

@@ -125,4 +125,4 @@ def test_half_an_hour_is_as_its_first_minutes() -> None:
     late = len(sender.stalls)
     assert late >= LASTS_S / EVERY_S - 1.0
     assert late * LATE_TICKS <= missed <= late * (LATE_TICKS + 2)
-    assert sum(text.startswith("the performer is not followed: the robot holds") for text in rig.said) == late
+    assert sum("late" in text for text in rig.said) == late

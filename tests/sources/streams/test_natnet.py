@@ -101,6 +101,7 @@ def test_every_byte_of_a_frame_is_used(recorded: Path, name: str, size: int) -> 
     found = read_frame(whole[4:], V3)
     assert len(whole) == size and found is not None and found.surplus == 0
     assert found.mid_exposure > 0 and read_flags(whole[4:]) == 0
+    assert read_flags(whole[4:30]) is None
 
 
 def test_questions_are_as_the_real_client_asks_them(recorded: Path) -> None:
