@@ -152,7 +152,7 @@ class Power(Schema):
     """[s] Starting time of the servos."""
 
     def switch(self) -> PowerSwitch:
-        """What the bus layer takes."""
+        """Return the switch as the bus layer takes it."""
         return PowerSwitch(id=self.id, register=self.register_, value=self.value, wait=self.wait_s)
 
 
