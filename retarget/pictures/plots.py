@@ -250,7 +250,7 @@ def plot_pressure(run: RunResult) -> Figure | None:
     if robot is None or physics is None or sent is None or physics.least_margin is None or not robot.stands:
         return None
     figure, above, time = _over_soles(f"{robot.profile.name} in physics: centre of pressure under the soles")
-    _outlines(above, motion_metrics.standing_of(robot, sent.q).footprints(), "both soles")
+    _outlines(above, motion_metrics.standing_of(robot, sent.q).footprints(), "hull of both")
     fall = physics.fall
     stands = physics.time <= (np.inf if fall is None else fall.time)
     rows = thinned(int(np.count_nonzero(stands)))
