@@ -144,7 +144,7 @@ impl Stages {
         self.fixed.reserve(p.n * p.stride);
         self.own.resize(self.most * widest, 0.0);
         self.triangle.resize(self.most * self.most, 0.0);
-        for vector in [&mut self.x, &mut self.work] {
+        for vector in [&mut self.x, &mut self.unlimited, &mut self.work] {
             vector.clear();
             vector.resize(widest, 0.0);
         }
