@@ -18,3 +18,4 @@ def test_the_table_the_json_and_an_order_that_is_none(tmp_path: Path, done: Type
     assert len(lost) > 2 and all(name in said["verdict"] and name in out for name in lost)
     assert said["limits"]["velocity"]["share"] > 0.0 and said["report"] is None and said["rows"] == 60
     shows(refused("judge", run, "--robot", "op3", "--quaternion", "zyx"), "--quaternion", "zyx", "xyzw")
+    shows(refused("judge", run, "--robot", "op3", "--fps", "30"), "--fps", "run")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from retarget.errors import InputError, suggest
+from retarget.errors import InputError, UsageError, suggest
 from retarget.model.body import BodyModel, JointType, load_body
 from retarget.model.robot import RobotBody
 from retarget.recording.exports.formats import FORMATS
@@ -40,6 +40,8 @@ LAYOUTS = {
 ADVICE = "See the layouts in docs/judge.md"
 QPOS, OWN = "holosoma retarget", "run"
 """Layouts that are read, and never written by `export`."""
+TIMED, NO_ORDER = frozenset({OWN, "csv"}), frozenset({OWN, "csv", "bones"})
+"""Layouts that have the time of each row, and layouts without an order of quaternions to choose."""
 KEYS = {
     "gmr-npz": frozenset({"root_pos", "root_rot", "dof_pos"}),
     "npz": frozenset({"joint_pos", "body_pos_w", "body_quat_w"}),
@@ -73,22 +75,32 @@ class _FileMotion:
     links: FloatArray | None = None
 
 
+RUN = _FileMotion(OWN, np.zeros((0, 7)), np.zeros((0, 0)))
+"""A recorded run, which `read_run` reads."""
+
+
 def read_motion(
     path: Path, robot: RobotBody, *, fps: float | None = None, quaternion: str | None = None
 ) -> tuple[str, Motion]:
     """The layout of a file, in a word, and its motion of a robot, on a tree with a free root; of a run only the
     following.
 
-    fps: rows per second, for a layout without them. quaternion: "xyzw" or "wxyz", against its layout. Raises
-    InputError.
+    fps: rows per second, for a layout without times. quaternion: "xyzw" or "wxyz", against its layout. Raises
+    InputError, and UsageError for one of the two that the layout does not take.
     """
     refuse_no_file(path)
     begins = _head(path)
     refuse_pickle(path, begins, MAKE, made=f"{path.stem}_motion.npz")
-    given = _of_arrays(path, quaternion) if begins.startswith(b"PK") else None
-    if begins.startswith(MAGIC) or (given is not None and given.layout == OWN):
+    if begins.startswith(MAGIC):
+        given = RUN
+    else:
+        given = _of_arrays(path, quaternion) if begins.startswith(b"PK") else _of_text(path, robot, quaternion)
+    for option, value, without in (("--fps", fps, TIMED), ("--quaternion", quaternion, NO_ORDER)):
+        if value is not None and given.layout in without:
+            what = f"files of the layout {given.layout} say it themselves"
+            raise UsageError(what, where=option, found=value, next_step="Leave it out")
+    if given is RUN:
         return OWN, followed(read_run(path, body=robot.profile.body_path))
-    given = given or _of_text(path, robot, quaternion)
     model = load_body(robot.profile.body_path, root="free")
     motion = _checked(path, given, robot, model, fps)
     return given.layout, motion
@@ -117,7 +129,7 @@ def _of_arrays(path: Path, quaternion: str | None) -> _FileMotion:
 
     file = open_arrays(path, needed, max_bytes=MAX_BYTES, advice=ADVICE)
     if layout == OWN:
-        return _FileMotion(OWN, np.zeros((0, 7)), np.zeros((0, 0)))
+        return RUN
     names = tuple(map(str, file.texts("joint_names", None))) if "joint_names" in file else None
     fps = float(file.floats("fps", *[1] * file.arrays["fps"].ndim).reshape(-1)[0]) if "fps" in file else None
     if layout == "gmr-npz":

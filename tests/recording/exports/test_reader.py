@@ -9,7 +9,7 @@ import pytest
 from messages import refuses
 from pickles import convert, run_python
 from recordings import moved, op3
-from retarget.errors import InputError
+from retarget.errors import InputError, UsageError
 from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.exports.formats import FORMATS, export_motion
 from retarget.recording.exports.reader import read_motion
@@ -102,6 +102,16 @@ def test_a_layout_without_rate_needs_one(motion: Motion, robot: RobotBody, tmp_p
     assert read_motion(path, robot, fps=60.0)[1].rate_hz == 60.0
     with refuses(InputError, found="nan"):
         read_motion(path, robot, fps=float("nan"))
+
+
+@pytest.mark.parametrize(("name", "option"), [("csv", "fps"), ("csv", "quaternion"), ("bones", "quaternion")])
+def test_what_the_layout_says_itself_cannot_be_given(
+    name: str, option: str, motion: Motion, robot: RobotBody, tmp_path: Path
+) -> None:
+    export_motion(motion, FORMATS[name], tmp_path / "a.csv")
+    value: Any = {"fps": 60.0, "quaternion": "wxyz"}[option]
+    with refuses(UsageError, where=f"--{option}", found=value, next_step="Leave it out"):
+        read_motion(tmp_path / "a.csv", robot, **{option: value})
 
 
 def bad_number(motion: Motion) -> dict[str, Any]:
