@@ -24,11 +24,6 @@ from sim.emulator.memory import Memory
 BUS = ("--robot", "op3", "--port", "emulator")
 
 
-@pytest.fixture
-def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> ServoLab:
-    return ServoLab(monkeypatch, capsys)
-
-
 def test_id_and_speed_last_and_verified(lab: ServoLab) -> None:
     lab.before = {(13, "baud_rate"): 1}
     words = ("--id", "13", "--new-id", "33", "--baud", "1000000", "--return-delay", "20", "--register", "shutdown=53")

@@ -11,11 +11,6 @@ from servo_lab import ServoLab
 from sim.emulator.faults import Fault, FaultKind
 
 
-@pytest.fixture
-def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> ServoLab:
-    return ServoLab(monkeypatch, capsys)
-
-
 def _row(out: str, device: int) -> str:
     return next(line for line in out.splitlines() if line.split()[2:3] == [str(device)])
 

@@ -14,10 +14,9 @@ from sim.emulator.faults import Fault, FaultKind
 
 
 @pytest.fixture
-def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> ServoLab:
-    made = ServoLab(monkeypatch, capsys)
-    made.before = {(device, "torque_enable"): 1 for device in range(1, 21)}
-    return made
+def lab(lab: ServoLab) -> ServoLab:
+    lab.before = {(device, "torque_enable"): 1 for device in range(1, 21)}
+    return lab
 
 
 WAYS = [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2")]
