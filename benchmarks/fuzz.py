@@ -58,6 +58,7 @@ from retarget.schema.catalogue import shipped_folder
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
 from retarget.schema.scene import load_scene
+from retarget.schema.strict_yaml import load
 from retarget.setup.import_robot import read_robot
 from retarget.sources.asf_amc import read_amc
 from retarget.sources.files import ReadOptions
@@ -382,7 +383,7 @@ def corpus(folder: Path) -> list[Kind]:
         Kind(".yaml", 10, load_performer, yamls("performers"), bent),
         Kind(".yaml", 10, load_scene, yamls("scenes"), bent),
         Kind(".yaml", 4, read_marker_table, (MARKER_TABLE,), bent),
-        Kind(".yaml", 1, lambda path: session_options(path, command_of(run)), yamls("sessions"), bent),
+        Kind(".yaml", 1, lambda path: session_options(load(path), command_of(run)), yamls("sessions"), bent),
         Kind(".xml", 6, load_body, mjcf, bent_body),
         Kind(".xml", 2, import_body, mjcf, bent_body),
         Kind(".urdf", 4, load_body, (urdf,), bent_body),

@@ -23,7 +23,7 @@ from hardware.errors import printable
 from hardware.realtime import USUAL_PRIORITY
 from retarget.cli.exit import echo
 from retarget.cli.stop import USUAL
-from retarget.errors import ConfigError, UsageError, renamed_to, suggest
+from retarget.errors import ConfigError, RefusedError, UsageError, renamed_to, suggest
 from retarget.live.address import VIEW_PORT, is_address
 
 if TYPE_CHECKING:
@@ -96,10 +96,11 @@ def _help_or_refusal(error: typer.TyperException) -> int:
         if what.startswith("no such"):
             step = suggest(where or what.split("'")[1], [*known, *getattr(context.command, "commands", ())])
         step = step or f"See `{path} --help`"
-    raise UsageError(what, where=where or path, found=found, allowed=allowed, next_step=step)
+    refusal = UsageError(what, where=where or path, found=found, allowed=allowed, next_step=step)
+    raise refusal if context is None else _with_lines(context, refusal)
 
 
-class _Command(TyperCommand):
+class Command(TyperCommand):
     """A command whose help has a panel for each group of options, or lists its USUAL_OPTIONS alone."""
 
     USUAL_OPTIONS: Sequence[str] = ()
@@ -112,7 +113,18 @@ class _Command(TyperCommand):
                 raise UsageError("needs a value", where=word, found=after, next_step=f"See `{ctx.command_path} --help`")
         return super().parse_args(ctx, args)
 
+    def invoke(self, ctx: Any) -> Any:
+        """Call the command. A refusal names the line of an option that a session file has."""
+        try:
+            return super().invoke(ctx)
+        except RefusedError as error:
+            placed = _with_lines(ctx, error)
+            if placed is error:
+                raise
+            raise placed from error
+
     def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the options of the help."""
         panels: dict[str, list[tuple[str, str]]] = {"Arguments": []}
         for parameter in self.get_params(ctx):
             usual = "Arguments" if parameter.param_type_name == "argument" else "Options"
@@ -168,7 +180,7 @@ def _commands(
             group.add_typer(inner, name=name)
         else:
             usual_options = () if all_options else getattr(module, "USUAL_OPTIONS", {}).get(name, ())
-            kind = type("Command", (_Command,), {"USUAL_OPTIONS": usual_options})
+            kind = type("Command", (Command,), {"USUAL_OPTIONS": usual_options})
             group.command(name, cls=kind, help=described(function)[0])(command_of(function))
     return group
 
@@ -355,21 +367,22 @@ def _built(holder: Callable[..., Any], values: Mapping[str, Any]) -> Any:
 
 # A session file: options of a command in YAML.
 
+SESSION = "retarget.session"
+"""Key of the file's document in the `meta` of a context."""
 REPLAY = "replay://"
 """Scheme of the addresses that name a file."""
 READ = ("source", "skeleton", "robot", "performer", "priorities", "scene", "faults")
 """Options that may name a file to read. A relative path in a session file counts from the folder of that file."""
 
 
-def session_options(session: str | Path, command: Callable[..., Any]) -> dict[str, Callable[[], Any]]:
+def session_options(document: "Document", command: Callable[..., Any]) -> dict[str, Callable[[], Any]]:
     """A function for each value of a session file, by parameter of the command. The keys are its options.
 
-    session: a name or path. The function is called only where the command line has no value. It raises ConfigError for
-    a file that is not there. Raises UsageError for an unknown session, ConfigError with all problems of the file.
+    The function is called only where the command line has no value. It raises ConfigError for a file that is not there.
+    Raises ConfigError with all problems of the document.
     """
     from pydantic import create_model
 
-    from retarget.schema.catalogue import Kind, read_as
     from retarget.schema.strict_models import Schema, validated
 
     kinds: dict[str, Any] = {}
@@ -383,7 +396,6 @@ def session_options(session: str | Path, command: Callable[..., Any]) -> dict[st
             key = option.removeprefix("--")
             kinds[key], parameters[key] = (_kind_of(kind, option) | None, None), name
     model = create_model("Session", __base__=Schema, **kinds)
-    document = read_as(Kind.SESSION, session)
     read = validated(model, document)
 
     def value_of(key: str, value: Any) -> Any:
@@ -430,11 +442,33 @@ def _kind_of(kind: Any, option: str) -> Any:
 
 
 def _read_session(context: typer.Context, session: str | None) -> str | None:
+    from retarget.schema.catalogue import Kind, read_as
+
     if session is not None:
-        command = context.command.callback
+        command, document = context.command.callback, read_as(Kind.SESSION, session)
         assert command is not None
-        context.default_map = session_options(session, command)
+        context.default_map = session_options(document, command)
+        context.meta[SESSION] = document
     return session
+
+
+def _with_lines(context: Any, error: RefusedError) -> RefusedError:
+    """The error, which names the place in the session file of each option that was not typed."""
+    document: Document | None = context.meta.get(SESSION)
+    if document is None:
+        return error
+    parameters = context.command.get_params(context)
+    # The type of a source is private to typer.
+    kept = [one for one in parameters if getattr(context.get_parameter_source(one.name), "name", "") == "DEFAULT_MAP"]
+    options = {option for one in kept for option in one.opts}
+    problems = []
+    for problem in error.problems:
+        details = {"found": problem.found, "allowed": problem.allowed, "next_step": problem.next_step}
+        named = [option for option in re.findall("--[a-z-]+", problem.where) if option in options]
+        if named:
+            problem = document.problem((named[0].removeprefix("--"),), problem.what, **details)
+        problems.append(problem)
+    return type(error).from_problems(problems)
 
 
 Session = Annotated[

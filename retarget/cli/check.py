@@ -25,7 +25,7 @@ from retarget.run.rest_trajectory import at_rest, usual_rest_trajectory
 from retarget.run.trial import try_approach, try_robot
 from retarget.safety.contact import SLOWEST_HZ, felt_servos
 from retarget.safety.joint_ranges import questioned_ranges
-from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_by_keys, kind_of
+from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_by_keys, kind_of, read_as
 from retarget.schema.files import check_place
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
@@ -283,18 +283,21 @@ STAND_INS = {"robot": "op3", "source": "sample"}
 
 
 def _session(path: Path) -> str:
-    from retarget.cli.application import called, command_of, session_options
+    from retarget.cli.application import Command, called, command_of, session_options
     from retarget.cli.run import check_request
 
     command = command_of(check_request)
-    options = {name: value() for name, value in session_options(path, command).items()}
+    options = {name: value() for name, value in session_options(read_as(Kind.SESSION, path), command).items()}
     words = [word for name, value in STAND_INS.items() if name not in options for word in (f"--{name}", value)]
-    commands = typer.Typer(add_completion=False)
-    commands.command()(command)
+    commands = typer.Typer(add_completion=False, rich_markup_mode=None)
+    commands.command(cls=Command)(command)
     try:
         called(commands, [str(path), *words], "retarget run")
     except RefusedError as error:
-        problems = [replace(one, where=": ".join(filter(None, (str(path), one.where)))) for one in error.problems]
+        problems = [
+            one if one.line else replace(one, where=": ".join(filter(None, (str(path), one.where))))
+            for one in error.problems
+        ]
         raise ConfigError.from_problems(problems) from error
     return _paragraph("session", None, path, {name: str(value) for name, value in options.items()})
 

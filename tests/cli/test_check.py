@@ -226,8 +226,28 @@ def test_check_refuses_what_run_refuses(text: str, tmp_path: Path, capsys: pytes
     usual = {"robot": "op3", "source": "sample"}
     typed = [word for key, value in usual.items() if f"{key}:" not in text for word in (f"--{key}", value)]
     code, _, said = said_by(capsys, "run", path, *typed)
-    checked, _, err = said_by(capsys, "check", path)
-    assert (code, checked, err) == (REFUSED, REFUSED, f"error: {path}: {said.removeprefix('error: ')}")
+    checked, out, err = said_by(capsys, "check", path)
+    named = said if str(path) in said else f"error: {path}: {said.removeprefix('error: ')}"
+    assert (code, checked, out, err) == (REFUSED, REFUSED, "", named)
+
+
+@pytest.mark.parametrize(
+    ("text", "typed", "line", "key"),
+    [
+        ("robot: op3\nsource: sample\nspeed: 0\n", (), 3, "speed"),
+        ("robot: op3\nview: 99999\nsource: sample\n", (), 2, "view"),
+        ("robot: op3\nsource: sample\nstart: 5\nend: 3\n", (), 3, "start"),
+        ("robot: op3\nsource: sample\nstart: 5\nend: 3\n", ("--start", "6"), 4, "end"),
+        ("robot: op3\nsource: sample\nstart: 5\nend: 3\n", ("--start", "6", "--end", "2"), 0, ""),
+    ],
+)
+def test_a_refused_option_has_its_line_unless_it_was_typed(
+    text: str, typed: tuple[str, ...], line: int, key: str, tmp_path: Path, refused: Typed
+) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    said = refused("run", path, *typed)
+    assert said.startswith(f"error: {path}:{line}: {key}: " if line else "error: --start, --end: ")
 
 
 def test_a_session_is_checked_without_its_servos_and_its_sender(tmp_path: Path, done: Typed) -> None:
