@@ -55,6 +55,9 @@ def test_faults_of_packets() -> None:
     for storms in ([storm], [storm, storm]):  # two leave a packet as wrong as one
         (spoilt,) = mangled(PACKET, storms, random.Random(0))
         assert spoilt.data == PACKET[:-1] + bytes((PACKET[-1] ^ 0xFF,))
+    for both in ([storm, Fault(FaultKind.DUPLICATE)], [Fault(FaultKind.DUPLICATE), storm]):
+        (doubled,) = mangled(PACKET, both, random.Random(0))
+        assert doubled.data == 2 * spoilt.data
     several = [Fault(FaultKind.LATE, value=0.5), Fault(FaultKind.DUPLICATE), Fault(FaultKind.LATE, value=0.25)]
     assert mangled(b"ab", several, random.Random(1)) == [DelayedBytes(0.75, b"abab")]
 
