@@ -459,8 +459,10 @@ def _with_lines(context: Any, error: RefusedError) -> RefusedError:
         return error
     parameters = context.command.get_params(context)
     # The type of a source is private to typer.
-    kept = [one for one in parameters if getattr(context.get_parameter_source(one.name), "name", "") == "DEFAULT_MAP"]
-    options = {option for one in kept for option in one.opts}
+    in_file = [
+        one for one in parameters if getattr(context.get_parameter_source(one.name), "name", "") == "DEFAULT_MAP"
+    ]
+    options = {option for one in in_file for option in one.opts}
     problems = []
     for problem in error.problems:
         details = {"found": problem.found, "allowed": problem.allowed, "next_step": problem.next_step}
