@@ -1,16 +1,13 @@
 //! Bodies to try things on.
 
-use super::random::Random;
 use crate::body::{Body, Joint, JointKind, Link};
-use crate::math::{Quat, Vec3};
+use crate::math::Vec3;
 
-pub const NO_TURN: Quat = [1.0, 0.0, 0.0, 0.0];
-
-pub fn link(parent: usize, pos: Vec3, mass: f64, com: Vec3) -> Link {
-    Link { parent, pos, quat: NO_TURN, mass, com, joints: (0, 0), chain: vec![] }
+fn link(parent: usize, pos: Vec3, mass: f64, com: Vec3) -> Link {
+    Link { parent, pos, quat: [1.0, 0.0, 0.0, 0.0], mass, com, joints: (0, 0), chain: vec![] }
 }
 
-pub fn joint(body: usize, kind: JointKind, axis: Vec3) -> Joint {
+fn joint(body: usize, kind: JointKind, axis: Vec3) -> Joint {
     Joint { body, kind, axis, pos: [0.0; 3], q_address: 0, v_address: 0, q_rest: 0.0 }
 }
 
@@ -25,41 +22,6 @@ pub fn chain(count: usize, length: f64) -> Body {
     Body::new(links, joints).unwrap()
 }
 
-/// A tree with joints of all kinds, none of them in a convenient place.
-pub fn random_tree(seed: u64) -> Body {
-    let random = &mut Random::new(seed);
-    let count = 3 + random.below(6);
-    let (mut links, mut joints) = (vec![link(0, [0.0; 3], 0.0, [0.0; 3])], vec![]);
-    for b in 1..=count {
-        let parent = if b == 1 { 0 } else { 1 + random.below(b - 1) };
-        let mass = if random.chance(0.2) { 0.0 } else { random.between(0.1, 2.0) };
-        let made = Link { quat: random.turn(), ..link(parent, random.vector(0.4), mass, random.vector(0.2)) };
-        links.push(made);
-        let kinds = match random.below(6) {
-            0 if parent == 0 => vec![JointKind::Free],
-            1 => vec![JointKind::Ball],
-            2 => vec![JointKind::Slide, JointKind::Hinge],
-            3 => vec![JointKind::Hinge; 2],
-            4 => vec![],
-            _ => vec![if random.chance(0.3) { JointKind::Slide } else { JointKind::Hinge }],
-        };
-        for kind in kinds {
-            let pos = if kind == JointKind::Free { [0.0; 3] } else { random.vector(0.1) };
-            joints.push(Joint { pos, q_rest: random.between(-0.5, 0.5), ..joint(b, kind, random.unit()) });
-        }
-    }
-    Body::new(links, joints).unwrap()
-}
-
-/// Somewhere that is no rest posture.
-pub fn random_posture(body: &Body, random: &mut Random) -> Vec<f64> {
-    let mut q = body.rest();
-    let dq: Vec<f64> = (0..body.nv).map(|_| random.between(-1.0, 1.0)).collect();
-    body.integrate(&mut q, &dq);
-    q
-}
-
-#[cfg(feature = "count-allocations")]
 /// A free pelvis, two legs of six hinges, two arms of four, a head: 26 hinges with the back. About 1.2 m tall, standing at z = 0.
 pub struct Humanoid {
     pub body: Body,
@@ -68,7 +30,6 @@ pub struct Humanoid {
     pub head: usize,
 }
 
-#[cfg(feature = "count-allocations")]
 pub fn humanoid() -> Humanoid {
     let (mut links, mut joints) = (vec![link(0, [0.0; 3], 0.0, [0.0; 3])], vec![]);
     let (x, y, z) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]);

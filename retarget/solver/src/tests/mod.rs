@@ -5,10 +5,8 @@
 #[cfg(feature = "count-allocations")]
 mod allocations; // no frame after the first allocates
 mod arcs; // between orientations, against turns about an axis
+#[cfg(feature = "count-allocations")]
 mod bodies; // bodies to try things on
-mod cone; // distance of a vector from a cone
-mod distances; // against closed forms, and proofs of optimality
-mod hierarchy; // strict, optimal, never infeasible, the same bits
+mod hierarchy; // strict, never infeasible, the same bits
 mod kernels; // the same bits for every processor
-mod kinematics; // against finite differences and closed forms
 mod random; // numbers from a seed

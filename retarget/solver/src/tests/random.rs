@@ -35,14 +35,9 @@ impl Random {
         (0..12).map(|_| self.between(-0.5, 0.5)).sum()
     }
 
-    /// In a cube about the origin.
-    pub fn vector(&mut self, half: f64) -> Vec3 {
-        std::array::from_fn(|_| self.between(-half, half))
-    }
-
     pub fn unit(&mut self) -> Vec3 {
         loop {
-            let v = self.vector(1.0);
+            let v: Vec3 = std::array::from_fn(|_| self.between(-1.0, 1.0));
             if (0.1..1.0).contains(&norm(v)) {
                 return scale(v, 1.0 / norm(v));
             }
