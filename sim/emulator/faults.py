@@ -158,8 +158,8 @@ class DelayedBytes(NamedTuple):
 
 
 def mangled(packet: bytes, faults: Sequence[Fault], chance: random.Random) -> list[DelayedBytes]:
-    """The parts of a packet after faults of BYTE_KINDS, in their order; none: it is lost. What is doubled is doubled
-    last, with its damage."""
+    """The parts of a packet after faults of BYTE_KINDS, in their order; none: it is lost. Those that double act last,
+    so that they repeat the damage of the others."""
     parts = [DelayedBytes(0.0, packet)]
     for fault in sorted(faults, key=lambda one: one.kind is FaultKind.DUPLICATE):
         parts = [new for part in parts for new in _hit(part, fault, chance, last=packet[-1])]
